@@ -25,7 +25,7 @@ from pymc_ship.cli.texts import table
 from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.inference.rows.weak_form import evidence_posterior_mean, weak_form_start
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
-from pymc_ship.inference.trajectory.windows import Window, fit_windows, prepared_windows, thinned
+from pymc_ship.inference.trajectory.windows import Window, fit_windows, prepared_windows, thin_record
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError, VesselError
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.pages.page import write_rows
@@ -129,7 +129,7 @@ def compare_paths(
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str, names: Sequence[str] | None) -> _Runs:
     manoeuvres, facilities = recognise_by_facility(trials, vessel)
     vessel = with_prior_knowledge(with_steering(vessel, next(iter(facilities.values()))), kind)
-    short = [longest_modelled_piece(thinned(trial, vessel), vessel) for trial in trials]
+    short = [longest_modelled_piece(thin_record(trial, vessel), vessel) for trial in trials]
     windows = [prepared_windows(trial, vessel) for trial in short]
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     return _Runs(short, windows, manoeuvres, names, vessel, window_prior(short, vessel, kind))
@@ -188,7 +188,7 @@ def _trajectories(runs: _Runs) -> Iterator[Estimated]:
     whole = fit_windows([window for run in runs.windows for window in run], runs.vessel, runs.prior, start)
     for k in range(len(runs.windows)):
         windows = [window for run in _without(runs.windows, k) for window in run]
-        yield fit_windows(windows, runs.vessel, runs.prior, whole.coefficients, whole.spread)
+        yield fit_windows(windows, runs.vessel, runs.prior, whole.coefficients, whole.effective_sd)
 
 
 _ESTIMATES: dict[str, Callable[[_Runs], Iterator]] = {

@@ -22,7 +22,7 @@ from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.sampling.trajectory_model import mode_nuts_posterior
 from pymc_ship.inference.trajectory.posterior import laplace_posterior
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
-from pymc_ship.inference.trajectory.windows import fit_windows, normal_draws, prepared_windows, thinned, window_mode
+from pymc_ship.inference.trajectory.windows import fit_windows, normal_draws, prepared_windows, thin_record, window_mode
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 from pymc_ship.ships.identification.candidates import window_prior, with_recorded_effects
@@ -38,7 +38,7 @@ def main(paths: Sequence[str]) -> None:
     """Fit, sample and compare."""
     trials = [ps.validated_trial(ps.read_trial(path, format=FORMAT), "kvlcc2") for path in paths]
     vessel = with_recorded_effects(with_terms("kvlcc2", SET), trials)
-    runs = [thinned(trial, vessel) for trial in trials]
+    runs = [thin_record(trial, vessel) for trial in trials]
     windows = [window for k, run in enumerate(runs) for window in prepared_windows(run, vessel, k)]
     prior = window_prior(runs, vessel, "hull_database")
     start = weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4")

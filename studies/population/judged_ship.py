@@ -30,9 +30,9 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.trial_checks import validated_trial
 from pymc_ship.records.steering.stopping_tests import INDICES
 from pymc_ship.ships.ensemble.draws import robust_sd
-from pymc_ship.ships.ensemble.index_error import index_scale, scaled
+from pymc_ship.ships.ensemble.index_error import index_scale, scaled_error
 from pymc_ship.ships.ensemble.index_table import index_rows as table_rows
-from pymc_ship.ships.ensemble.motion_error import ERRING, prime_units, time_beyond
+from pymc_ship.ships.ensemble.motion_error import ERROR_STATES, prime_units, time_beyond
 from pymc_ship.ships.ensemble.scores import crps
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.forecast import forecast
@@ -259,7 +259,7 @@ def held_rows(identified: ShipIdentification) -> list[dict]:
     """Indices of her held-out runs, rows of :data:`HELD_INDEX`."""
     rows = []
     for row in table_rows(identified.held_out_indices):
-        error, known = scaled(row)
+        error, known = scaled_error(row)
         rows.append({"kind": row["kind"], "error": error, "known": known})
     return rows
 
@@ -319,7 +319,7 @@ def instant_rows(ship: Ship, run: xr.Dataset, start: float) -> Iterator[dict]:
     far = time_beyond(beyond, since)
     for lead in LEADS:
         k = min(int(np.searchsorted(since, lead - 1e-9)), since.size - 1)
-        for name in ERRING:
+        for name in ERROR_STATES:
             seen, alone = (
                 (tree[group][name].values[:, k] - measured[name].values[k]) / units[name]
                 for group in ("predictive", "trajectories")

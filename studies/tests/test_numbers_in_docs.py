@@ -222,11 +222,6 @@ def of_model_error():
     ]
 
 
-def of_your_ship():
-    """Sentences of the tutorial."""
-    return [f"of {TRIALS} statements of 99 %", f"{HITS} held. No probability is stated above {SUREST}."]
-
-
 PIPELINE = "paper's pipeline"
 HITS, TRIALS = (constants()[f"calibration_{word}"].value for word in ("hits", "trials"))
 SUREST = f"{(HITS + 1) / (TRIALS + 2):.3f}"
@@ -239,7 +234,6 @@ PAGES = {
     "explanation/speed": of_speed,
     "explanation/why_intervals_fail": of_intervals,
     "explanation/model_error": of_model_error,
-    "tutorials/your_ship": of_your_ship,
 }
 SENTENCES = [(page, sentence) for page, sentences in PAGES.items() for sentence in sentences()]
 

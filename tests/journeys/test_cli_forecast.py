@@ -104,7 +104,10 @@ def test_a_posterior_has_the_options_of_a_ship(made, small, tmp_path, capsys):
     assert '<section id="spiral">' in (tmp_path / "drifting" / "forecast.html").read_text(encoding="utf-8")
     assert float(distance_of(tmp_path / "drifting")["median"]) > 1.05 * float(beside["median"])
     assert main(list(map(str, (*words, "--zigzag", "10/10", "--n", 1.0)))) == 2
-    assert "No term set of this ship knows revolutions" in capsys.readouterr().err
+    assert (
+        "A forecast with revolutions needs forces that depend on revolutions, found no such term set"
+        in capsys.readouterr().err
+    )
 
 
 def distance_of(out):

@@ -10,7 +10,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.inference.trajectory.posterior import log_likelihood_rows
 from pymc_ship.inference.trajectory.prior import coefficient_prior
-from pymc_ship.inference.trajectory.windows import HEADING, fit_windows, prepared_windows, thinned, with_constants
+from pymc_ship.inference.trajectory.windows import HEADING, fit_windows, prepared_windows, thin_record, with_constants
 from pymc_ship.physics.vessel.parts import FIXED_SD, with_parts
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.trial.record import OVER_GROUND
@@ -42,7 +42,7 @@ def over_ground(current, seed):
 
 @pytest.fixture(scope="module")
 def fitted(drifting):
-    trials = [thinned(over_ground(current, k), drifting) for k, current in enumerate(CURRENTS)]
+    trials = [thin_record(over_ground(current, k), drifting) for k, current in enumerate(CURRENTS)]
     windows = [prepared_windows(trial, drifting, k) for k, trial in enumerate(trials)]
     prior = coefficient_prior(trials, drifting)
     start = reference_coefficients(drifting)
@@ -80,7 +80,7 @@ def test_without_the_current_the_coefficients_are_wrong(drifting, fitted):
     """Broken twin: the same records, taken as speeds through the water."""
     windows, fit = fitted
     plain = with_parts(drifting, AHEAD, {c.name: c for c in drifting.parameters[:-2]})
-    trials = [thinned(over_ground(current, k), plain) for k, current in enumerate(CURRENTS)]
+    trials = [thin_record(over_ground(current, k), plain) for k, current in enumerate(CURRENTS)]
     runs = [window for k, trial in enumerate(trials) for window in prepared_windows(trial, plain, k)]
     blind = fit_windows(runs, plain, coefficient_prior(trials, plain), reference_coefficients(plain))
     assert blind.channel_sd["v"] > 5.0 * fit.channel_sd["v"]
@@ -98,7 +98,9 @@ def test_the_heading_of_a_ship_in_wind_is_the_measured_one():
     fits = []
     for turned in (0.0, 9.0):
         around = {"wind_speed": np.full(1000, 12.0), "wind_direction": np.full(1000, np.deg2rad(40.0) + turned)}
-        trial = thinned(run.assign(psi=run["psi"] + turned).assign({k: ("time", w) for k, w in around.items()}), vessel)
+        trial = thin_record(
+            run.assign(psi=run["psi"] + turned).assign({k: ("time", w) for k, w in around.items()}), vessel
+        )
         prior, windows = coefficient_prior([trial], vessel), prepared_windows(trial, vessel)
         start, sd = (values[HEADING] for values in windows[1].run.initial_state)
         assert start == pytest.approx(float(trial["psi"].sel(time=windows[1].run.start)))

@@ -12,7 +12,7 @@ import pymc_ship as ps
 from pymc_ship.inference.trajectory import randomize_then_optimize as room
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
-from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, normal_draws, prepared_windows, restarted
+from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, normal_draws, prepared_windows, window_misfit
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from tests.ships.identification.cases import RUNS, tanker, trial
@@ -58,7 +58,7 @@ def of(vessel, values):
 
 def left(windows, vessel, rows):
     """Root mean square that each row leaves of r in the windows [rad/s], (n_rows,)."""
-    misfit = [np.concatenate([restarted(window, vessel, row)[2] for window in windows]) for row in rows]
+    misfit = [np.concatenate([window_misfit(window, vessel, row)[2] for window in windows]) for row in rows]
     return np.sqrt(np.mean(np.square(misfit), axis=1))
 
 

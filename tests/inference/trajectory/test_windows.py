@@ -23,11 +23,11 @@ from pymc_ship.inference.trajectory.windows import (
     Window,
     WindowFit,
     fit_windows,
+    inflate_covariance,
     normal_draws,
     prepared_windows,
-    restarted,
-    thinned,
-    widened,
+    thin_record,
+    window_misfit,
     window_mode,
     window_records,
 )
@@ -54,7 +54,7 @@ def fast():
 
 class TestThinned:
     def test_a_fast_record_is_averaged(self, fast):
-        thin = thinned(fast, tanker())
+        thin = thin_record(fast, tanker())
         n = 16
         assert n == int(UNIT / SAMPLES / 0.05)
         whole = fast.sizes["time"] // n
@@ -69,12 +69,12 @@ class TestThinned:
     def test_a_heading_that_jumps_by_a_circle_is_made_continuous_first(self, fast):
         turned = fast.assign(psi=("time", np.angle(np.exp(1j * (fast["psi"].values + np.pi)))))
         assert np.abs(np.diff(turned["psi"])).max() > 6.0
-        found, straight = (thinned(run, tanker())["psi"].values for run in (turned, fast))
+        found, straight = (thin_record(run, tanker())["psi"].values for run in (turned, fast))
         np.testing.assert_allclose(found - found[0], straight - straight[0], atol=1e-9)
 
     def test_a_slow_record_is_left_alone(self):
         run = trial(RUNS[0])
-        xr.testing.assert_identical(thinned(run, tanker()), run)
+        xr.testing.assert_identical(thin_record(run, tanker()), run)
 
     @pytest.mark.parametrize("step", [0.05, 0.0166667, UNIT * 2.5 / 300.9 / 20.0])
     def test_what_is_no_half_window_is_an_error_and_what_passes_has_one(self, step):
@@ -85,13 +85,13 @@ class TestThinned:
         assert 10 < first < 50
         assert all(passed[first:])
         with refused(TrialError, 5, 201):
-            thinned(whole.isel(time=slice(0, sizes[first - 1])), tanker())
+            thin_record(whole.isel(time=slice(0, sizes[first - 1])), tanker())
 
     @staticmethod
     def passes(run):
         """Whether a run is long enough; then it has a window."""
         try:
-            thin = thinned(run, tanker())
+            thin = thin_record(run, tanker())
         except TrialError:
             return False
         assert len(window_records(thin, tanker())) == 1
@@ -127,24 +127,24 @@ class TestWindows:
         run = trial(ps.zigzag(20.0, 20.0), vessel=container, duration=100.0, interval=0.25)
         (window,) = prepared_windows(run, container)
         assert window.run.channels == ("u", "v", "r", "p", "phi")
-        assert np.abs(restarted(window, container, reference_coefficients(container))).max() < 0.1
+        assert np.abs(window_misfit(window, container, reference_coefficients(container))).max() < 0.1
 
     def test_the_true_forces_leave_nothing_of_a_clean_record(self):
         windows = prepared_windows(trial(RUNS[0]), tanker())
         true = reference_coefficients(tanker())
         # the first window holds the corner of the rudder's first movement, which a record shows up to 1 s late
-        assert np.abs(restarted(windows[0], tanker(), true)).max() < 0.01
+        assert np.abs(window_misfit(windows[0], tanker(), true)).max() < 0.01
         for window in windows[1:]:
-            misfit = restarted(window, tanker(), true)
+            misfit = window_misfit(window, tanker(), true)
             assert misfit.shape == (3, window.run.n_blocks)
             assert np.abs(misfit).max() < 5e-4
         wrong = true.copy()
         wrong[-2] *= 1.1
-        assert np.abs(restarted(windows[1], tanker(), wrong)).max() > 0.01
+        assert np.abs(window_misfit(windows[1], tanker(), wrong)).max() > 0.01
 
     def test_a_ship_that_leaves_the_range_is_nan(self):
         (window, *_) = prepared_windows(trial(RUNS[0]), tanker())
-        assert np.isnan(restarted(window, tanker(), -100.0 * reference_coefficients(tanker()))).all()
+        assert np.isnan(window_misfit(window, tanker(), -100.0 * reference_coefficients(tanker()))).all()
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +168,7 @@ class TestMode:
         np.testing.assert_array_equal(found.coefficients, fit.coefficients)
         np.testing.assert_allclose(np.linalg.inv(found.covariance), fit.information, rtol=1e-9)
         for noise in found.problem.noise:
-            np.testing.assert_allclose(noise.sd, list(fit.spread.values()), rtol=0.03)
+            np.testing.assert_allclose(noise.sd, list(fit.effective_sd.values()), rtol=0.03)
         tree = laplace_posterior(mode, draws=400, chains=2, rng=np.random.default_rng(1))
         drawn = tree["posterior"]["coefficients"].stack(sample=("chain", "draw")).transpose("sample", ...).values
         z = (drawn.mean(axis=0) - fit.coefficients) / (drawn.std(axis=0) / np.sqrt(400))
@@ -381,8 +381,10 @@ def test_the_dispersion_is_that_of_the_windows_however_much_the_prior_knows(know
 def test_what_the_prior_leaves_open_does_not_grow(many_fits):
     fit = many_fits[1][0]
     alone = replace(fit, from_windows=0.0 * fit.from_windows)
-    np.testing.assert_array_equal(widened(alone, 3.0).covariance, fit.from_prior)
-    np.testing.assert_allclose(widened(fit, 3.0).covariance - fit.covariance, 8.0 * fit.from_windows, rtol=1e-9)
+    np.testing.assert_array_equal(inflate_covariance(alone, 3.0).covariance, fit.from_prior)
+    np.testing.assert_allclose(
+        inflate_covariance(fit, 3.0).covariance - fit.covariance, 8.0 * fit.from_windows, rtol=1e-9
+    )
 
 
 def test_draws_have_the_mean_and_covariance_of_the_fit():
@@ -390,7 +392,7 @@ def test_draws_have_the_mean_and_covariance_of_the_fit():
     root = rng.standard_normal((3, 3))
     fit = WindowFit(tanker(), np.array([1.0, -2.0, 3.0]), root @ root.T, np.zeros((3, 3)), np.eye(3), {}, 1.0, 5)
     n = 20_000
-    draws = normal_draws(widened(fit, 2.0), n, np.random.default_rng(3))
+    draws = normal_draws(inflate_covariance(fit, 2.0), n, np.random.default_rng(3))
     white = np.linalg.solve(2.0 * root, (draws - fit.coefficients).T)
     assert np.max(np.abs(white.mean(axis=1))) < 4.0 / np.sqrt(n)
     assert np.max(np.abs(np.cov(white) - np.eye(3))) < 4.0 * np.sqrt(2.0 / n)

@@ -6,7 +6,7 @@ import datetime
 
 import pytest
 
-from pymc_ship.ships.ensemble.calibration import calibrated, calibrated_by, constants
+from pymc_ship.ships.ensemble.calibration import constant_by_kind, constant_value, constants
 
 
 @pytest.mark.parametrize("name", constants())
@@ -22,14 +22,14 @@ def test_every_constant_says_what_it_is_and_who_chose_it(name):
 
 
 def test_a_number_and_a_table_are_not_taken_for_each_other():
-    assert calibrated("index_extrapolation_sd") == 0.003
-    assert calibrated_by("index_typical")["time"] == 0.0021
+    assert constant_value("index_extrapolation_sd") == 0.003
+    assert constant_by_kind("index_typical")["time"] == 0.0021
     with pytest.raises(TypeError):
-        calibrated("index_typical")
+        constant_value("index_typical")
     with pytest.raises(TypeError):
-        calibrated_by("index_extrapolation_sd")
+        constant_by_kind("index_extrapolation_sd")
 
 
 def test_what_is_changed_in_an_answer_changes_no_other():
-    calibrated_by("motion_rise")["u"] = 9.0
-    assert calibrated_by("motion_rise")["u"] == 0.5
+    constant_by_kind("motion_rise")["u"] = 9.0
+    assert constant_by_kind("motion_rise")["u"] == 0.5

@@ -86,7 +86,7 @@ def test_forces_that_hold_at_any_speed_may_turn_her_on_the_spot(monkeypatch):
     assert max(extremes(row, what, vessel)[1] for what in soundness.STANDARD) > 2.0
     assert is_feasible(vessel, row[None])[0]
     assert first_failure(vessel, row) is None
-    monkeypatch.setattr(soundness, "holds_any_speed", lambda _: False)
+    monkeypatch.setattr(soundness, "valid_at_any_speed", lambda _: False)
     assert not is_feasible(vessel, row[None])[0]
     assert "turns on a radius below 0.5 L" in str(first_failure(vessel, row))
 

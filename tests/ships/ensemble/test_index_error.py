@@ -23,7 +23,7 @@ from pymc_ship.ships.ensemble.index_error import (
     index_sd,
     model_error,
     reliability,
-    scaled,
+    scaled_error,
     steady_error,
     with_model_error,
 )
@@ -58,7 +58,7 @@ def test_the_spread_of_normal_draws_is_their_sd_whatever_a_few_of_them_do():
 
 def root_mean_square(rows, **law):
     """Of the size, in typical errors, from :func:`size_law`."""
-    error, known = np.array([scaled(one) for one in rows]).T
+    error, known = np.array([scaled_error(one) for one in rows]).T
     size, log_weight = size_law(
         error, known, np.array([TYPICAL[one["kind"]] for one in rows]), **{"likelihood_weight": LIKELIHOOD_WEIGHT} | law
     )
@@ -284,7 +284,7 @@ def test_no_probability_is_stated_beyond_the_runs_that_others_did_not_bear_out()
     assert found["calibration_cap"] == pytest.approx((CALIBRATION_HITS + 1) / (CALIBRATION_TRIALS + 2))
     assert 0.95 < found["calibration_cap"] < 0.995
     assert (
-        f"of {CALIBRATION_TRIALS} statements of 99 % that were made so on foreign ships, {CALIBRATION_HITS} held"
+        f"of {CALIBRATION_TRIALS} statements of 99 % made so for other ships, {CALIBRATION_HITS} were correct"
         in found["reliability"]
     )
 

@@ -9,13 +9,13 @@ from scipy.special import ndtri
 import pymc_ship as ps
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.ships.ensemble.motion_error import (
-    ERRING,
+    ERROR_STATES,
     LEADS,
     MOTION_EXTRAPOLATION_SD,
     RISE,
     SIZES,
     TYPICAL,
-    Replayed,
+    OpenLoopSimulation,
     mixture_quantiles,
     motion_error,
     with_motion_error,
@@ -48,19 +48,19 @@ def replays(vessel, rng, growth=GROWTH, spread=0.2):
     for _ in range(RUNS):
         truth = np.zeros((8, TIMES))
         states = np.repeat(truth[:, None], DRAWS, axis=1)
-        for name in ERRING:
+        for name in ERROR_STATES:
             sd, share = growth[name] * size[name], (time / time[-1]) ** RISE[name]
             states[STATE.index(name)] += spread * sd * rng.standard_normal((DRAWS, 1)) * share
             truth[STATE.index(name)] = np.sqrt(1.0 + spread**2) * sd * rng.standard_normal() * share
-        found.append(Replayed(time, states, truth, np.zeros(8)))
+        found.append(OpenLoopSimulation(time, states, truth, np.zeros(8)))
     return found
 
 
 def test_the_error_beyond_the_draws_is_found(tanker):
     """Three hundred runs say it whatever ships are like; where nothing is beyond the draws there is little left."""
     found = motion_error(replays(tanker, np.random.default_rng(1)), tanker)
-    none = motion_error(replays(tanker, np.random.default_rng(1), growth=dict.fromkeys(ERRING, 1e-9)), tanker)
-    for name in ERRING:
+    none = motion_error(replays(tanker, np.random.default_rng(1), growth=dict.fromkeys(ERROR_STATES, 1e-9)), tanker)
+    for name in ERROR_STATES:
         assert found[name].shape == (SIZES,)
         assert np.all(np.diff(found[name]) >= 0.0)
         assert np.median(found[name]) == pytest.approx(GROWTH[name], rel=0.15), name
@@ -71,7 +71,7 @@ def test_few_replays_are_not_taken_at_their_word(tanker):
     """One replay that errs ten times as much as is typical moves the law, and leaves it wide."""
     time, states, measured = time_of(tanker), np.zeros((8, DRAWS, TIMES)), np.zeros((8, TIMES))
     measured[STATE.index("u")] = 10.0 * TYPICAL["u"] * units(tanker)["u"]
-    found = motion_error([Replayed(time, states, measured, np.zeros(8))], tanker)["u"] / TYPICAL["u"]
+    found = motion_error([OpenLoopSimulation(time, states, measured, np.zeros(8))], tanker)["u"] / TYPICAL["u"]
     assert 1.0 < np.median(found) < 10.0
     assert np.quantile(found, 0.95) > 4.0 * np.median(found)
 
@@ -79,15 +79,15 @@ def test_few_replays_are_not_taken_at_their_word(tanker):
 def test_draws_that_spread_widely_tell_nothing_of_the_error(tanker):
     """The broken twin takes the excess of the squared error, which is none, for a ship that does not err."""
     time, states = time_of(tanker), np.zeros((8, DRAWS, TIMES))
-    wide = 100.0 * np.array([TYPICAL[name] * units(tanker)[name] for name in ERRING])
-    states[[STATE.index(name) for name in ERRING]] = wide[:, None, None] * np.random.default_rng(1).standard_normal(
-        (len(ERRING), DRAWS, 1)
-    )
+    wide = 100.0 * np.array([TYPICAL[name] * units(tanker)[name] for name in ERROR_STATES])
+    states[[STATE.index(name) for name in ERROR_STATES]] = wide[:, None, None] * np.random.default_rng(
+        1
+    ).standard_normal((len(ERROR_STATES), DRAWS, 1))
     some, none = (
-        motion_error(3 * [Replayed(time, states, np.zeros((8, TIMES)), np.zeros(8))], tanker),
+        motion_error(3 * [OpenLoopSimulation(time, states, np.zeros((8, TIMES)), np.zeros(8))], tanker),
         motion_error([], tanker),
     )
-    for name in ERRING:
+    for name in ERROR_STATES:
         assert np.median(some[name]) == pytest.approx(np.median(none[name]), rel=0.1), name
         excess = np.median(states[STATE.index(name), :, -1]) ** 2 - np.var(states[STATE.index(name), :, -1])
         assert excess < 0.0
@@ -95,7 +95,7 @@ def test_draws_that_spread_widely_tell_nothing_of_the_error(tanker):
 
 def test_without_a_held_out_run_it_is_that_of_foreign_ships(tanker):
     found = motion_error([], tanker)
-    for name in ERRING:
+    for name in ERROR_STATES:
         assert np.median(found[name]) == pytest.approx(TYPICAL[name], rel=0.03)
         assert np.mean(found[name] > 5.0 * TYPICAL[name]) == pytest.approx(0.126, abs=0.01)  # half-Cauchy
 
@@ -120,17 +120,20 @@ def test_bands_with_the_error_hold_new_runs_and_draws_alone_do_not(tanker):
 
 def test_the_noise_of_readings_is_no_error_of_the_motion(tanker):
     """The broken twin does not know of it, and takes it for the error of a ship that has none."""
-    rng, noise = np.random.default_rng(3), np.array([10.0 * TYPICAL[name] * units(tanker)[name] for name in ERRING])
-    rows = [STATE.index(name) for name in ERRING]
+    rng, noise = (
+        np.random.default_rng(3),
+        np.array([10.0 * TYPICAL[name] * units(tanker)[name] for name in ERROR_STATES]),
+    )
+    rows = [STATE.index(name) for name in ERROR_STATES]
     blurred, unknown = [], []
-    for one in replays(tanker, np.random.default_rng(1), growth=dict.fromkeys(ERRING, 1e-9)):
+    for one in replays(tanker, np.random.default_rng(1), growth=dict.fromkeys(ERROR_STATES, 1e-9)):
         seen, sd = one.measured.copy(), np.zeros(8)
         seen[rows] += noise[:, None] * rng.standard_normal((len(rows), TIMES))
         sd[rows] = noise
         blurred.append(one._replace(measured=seen, noise_sd=sd))
         unknown.append(one._replace(measured=seen))
     found, twin = (motion_error(seen, tanker) for seen in (blurred, unknown))
-    for name in ERRING:
+    for name in ERROR_STATES:
         assert np.median(found[name]) < 1.1 * TYPICAL[name], name
         assert np.median(twin[name]) > 5.0 * TYPICAL[name], name
 

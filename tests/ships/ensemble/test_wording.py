@@ -125,7 +125,7 @@ test_ship_errors = wording(
 
 test_value_errors = wording(
     ValueError,
-    ("needs two draws or more, found 1; ask for more", lambda: of_posterior(draws=1)),
+    ("needs two draws or more, found 1; give a larger `draws`", lambda: of_posterior(draws=1)),
     ("found 1.0 for 'speed'; correct it", lambda: of_posterior(noise_sd={"speed": 1.0})),
     *(
         (

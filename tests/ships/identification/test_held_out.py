@@ -9,7 +9,7 @@ from scipy import stats
 import pymc_ship as ps
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory.prior import coefficient_prior
-from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, prepared_windows, restarted
+from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, prepared_windows, window_misfit
 from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
@@ -77,7 +77,7 @@ def straight(run, fit, sd):
     """Mean over windows of the mean over blocks of the normal log density, channels summed."""
     densities = []
     for window in run:
-        misfit = restarted(window, tanker(), fit.coefficients)
+        misfit = window_misfit(window, tanker(), fit.coefficients)
         densities.append(stats.norm.logpdf(misfit, scale=sd[:, None]).mean(axis=1).sum())
     return np.mean(densities)
 
@@ -86,7 +86,7 @@ class TestScore:
     def test_it_is_the_normal_density_at_the_rms_of_all_windows(self, runs):
         fits = [near(1.02)] * 3
         found = score_folds(runs, tanker(), fits)
-        misfits = [restarted(window, tanker(), fits[0].coefficients) for run in runs for window in run]
+        misfits = [window_misfit(window, tanker(), fits[0].coefficients) for run in runs for window in run]
         rms = np.sqrt(np.mean([np.mean(misfit**2, axis=1) for misfit in misfits], axis=0))
         assert list(found.rms) == ["u", "v", "r"]
         np.testing.assert_allclose(list(found.rms.values()), rms, rtol=1e-12)
@@ -114,7 +114,7 @@ class TestScore:
         found = score_folds([windows], container, [fit])
         assert list(found.rms) == ["u", "v", "r", "p", "phi"]
         sd = np.array([found.rms[name] for name in SCORED_CHANNELS])
-        misfits = [restarted(window, container, fit.coefficients)[:3] for window in windows]
+        misfits = [window_misfit(window, container, fit.coefficients)[:3] for window in windows]
         expected = np.mean([stats.norm.logpdf(m, scale=sd[:, None]).mean(axis=1).sum() for m in misfits])
         assert SCORED_CHANNELS == ("u", "v", "r")
         assert found.log_density == pytest.approx([expected], rel=1e-12)

@@ -8,7 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import reference_coefficients
-from pymc_ship.ships.ensemble.motion_error import ERRING
+from pymc_ship.ships.ensemble.motion_error import ERROR_STATES
 from pymc_ship.ships.identification.open_loop import reading_noise_sd
 from pymc_ship.ships.identification.replay import SCORED
 from tests.physics.forces.test_parts import AHEAD
@@ -144,7 +144,7 @@ def identified_from(tanker, manoeuvre):
     """The tanker as a ship that was identified from one run, with fifty equal draws and hardly an error."""
     run = ps.simulate(tanker, manoeuvre, duration=DURATION, step=0.5, method="rk4")
     rows = np.tile(reference_coefficients(tanker), (50, 1))
-    hardly = dict.fromkeys(ERRING, np.array([1e-9]))
+    hardly = dict.fromkeys(ERROR_STATES, np.array([1e-9]))
     return ship_of((tanker, rows), motion=motion_of(tanker, [run]), index_error={}, motion_error=hardly)
 
 

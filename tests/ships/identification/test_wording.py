@@ -130,7 +130,7 @@ test_inference_errors = wording(
 test_simulation_errors = wording(
     ps.SimulationError,
     (
-        "No term set of this ship knows revolutions",
+        "A forecast with revolutions needs forces that depend on revolutions, found no such",
         lambda: ps.forecast(replace(ship_of(tanker()), index_error={}), ps.turning_circle(35), rng=1, n=1.0),
     ),
 )

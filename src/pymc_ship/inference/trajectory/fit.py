@@ -1,7 +1,6 @@
-"""Fit of the simulated trajectory to raw records: Levenberg-Marquardt on the posterior density (output-error method).
+"""Fit of the simulated trajectory to raw records by Levenberg-Marquardt (output-error method).
 
-Unknowns are the coefficients, the initial state of each run and, where asked for, a constant offset of each sensor.
-All are in units of their prior, so that one damping serves all of them.
+Unknowns: coefficients, initial state of each run and, optionally, sensor offsets; all in units of their prior.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.vessel import Vessel, per_run_indices
 
 CHANGE = 1e-4
-"""The fit has converged when the next step promises to lower the negative log posterior by less."""
+"""Convergence: the next step would lower the negative log posterior by less."""
 
 TAU_RANGE = (0.05, 20.0)
 """Bounds of the factors of the prior scales."""
@@ -32,9 +31,9 @@ _LEAST_SINGULAR_VALUE = 1e-12
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of the blocks of one run: sd (n_channels,), lag-one correlation (n_channels,), sensor offsets or not.
+    """Noise of the block means of one run, by channel: sd, lag-one correlation, constant offsets or not.
 
-    ``values`` (n_channels, n_blocks) are the block means, or what stands for them under another error law.
+    ``values`` (n_channels, n_blocks): block means, or pseudo-data of the same score under Student's t.
     """
 
     sd: np.ndarray
@@ -50,9 +49,9 @@ def white_noise(run: Run, *, offsets: bool = False) -> Noise:
 
 @dataclass(frozen=True)
 class Problem:
-    """All that a fit needs: runs, vessel, prior, the noise of each run and the factors tau of the prior by DOF.
+    """Runs, vessel, prior, noise of each run and factors tau by DOF.
 
-    ``sailed`` is the trial that each run is a piece of; a trial has its own current. Without it runs share it.
+    ``trial_indices`` is the trial of each run; each trial has its own current. If empty, all runs share one.
     """
 
     runs: tuple[Run, ...]
@@ -60,54 +59,54 @@ class Problem:
     prior: CoefficientPrior
     noise: tuple[Noise, ...]
     tau: np.ndarray
-    sailed: tuple[int, ...] = ()
+    trial_indices: tuple[int, ...] = ()
 
     @property
     def per_run(self) -> np.ndarray:
-        """Places among the coefficients of those that every trial has its own of."""
-        return np.array(per_run_indices(self.vessel) if self.sailed else [], dtype=int)
+        """Indices of the coefficients of which each trial has its own."""
+        return np.array(per_run_indices(self.vessel) if self.trial_indices else [], dtype=int)
 
     @property
     def n_shared(self) -> int:
-        """Coefficients and the constants of all trials: the unknowns that runs share."""
-        return self.n_coefficients + self.per_run.size * len(set(self.sailed))
+        """Number of unknowns that runs share: coefficients and the constants of all trials."""
+        return self.n_coefficients + self.per_run.size * len(set(self.trial_indices))
 
     @property
     def columns(self) -> list[np.ndarray]:
-        """Places of the coefficients of each run among the unknowns, (n_coefficients,)."""
-        own, found = self.per_run, []
-        for trial in self.sailed or [0] * len(self.runs):
-            found.append(np.arange(self.n_coefficients))
-            found[-1][own] = self.n_coefficients + own.size * trial + np.arange(own.size)
-        return found
+        """Indices of the coefficients of each run among the unknowns, each (n_coefficients,)."""
+        own, indices = self.per_run, []
+        for trial in self.trial_indices or [0] * len(self.runs):
+            indices.append(np.arange(self.n_coefficients))
+            indices[-1][own] = self.n_coefficients + own.size * trial + np.arange(own.size)
+        return indices
 
     @property
     def n_coefficients(self) -> int:
-        """Coefficients of all DOFs."""
+        """Number of coefficients of all DOFs."""
         return self.prior.mean.size
 
     @property
     def nuisances(self) -> list[slice]:
-        """Place of each run's initial state and offsets among the unknowns."""
-        places, begin = [], self.n_shared
+        """Slice of each run's initial state and offsets among the unknowns."""
+        slices, begin = [], self.n_shared
         for run, noise in zip(self.runs, self.noise, strict=True):
             size = run.n_states + (len(run.channels) if noise.offsets else 0)
-            places.append(slice(begin, begin + size))
+            slices.append(slice(begin, begin + size))
             begin += size
-        return places
+        return slices
 
     @property
     def center(self) -> np.ndarray:
         """Prior mean of every unknown, physical units."""
-        parts = [self.prior.mean, np.tile(self.prior.mean[self.per_run], len(set(self.sailed)))]
+        parts = [self.prior.mean, np.tile(self.prior.mean[self.per_run], len(set(self.trial_indices)))]
         for run, noise in zip(self.runs, self.noise, strict=True):
             parts += [run.initial_state[0], np.zeros(len(run.channels) if noise.offsets else 0)]
         return np.concatenate(parts)
 
     @property
     def unit(self) -> np.ndarray:
-        """Unit in which every unknown is measured, physical units."""
-        parts = [self.prior.unit, np.tile(self.prior.unit[self.per_run], len(set(self.sailed)))]
+        """Unit of every unknown, physical units."""
+        parts = [self.prior.unit, np.tile(self.prior.unit[self.per_run], len(set(self.trial_indices)))]
         for run, noise in zip(self.runs, self.noise, strict=True):
             parts += [run.initial_state[1], 0.1 * np.ptp(run.means, axis=1) if noise.offsets else np.empty(0)]
         return np.concatenate(parts)
@@ -119,21 +118,21 @@ class Problem:
         precision = np.ones(self.unit.size)
         precision[: self.n_coefficients] = (self.prior.unit / (tau * self.prior.scale)) ** 2
         own = (self.prior.unit[self.per_run] / self.prior.scale[self.per_run]) ** 2
-        precision[self.n_coefficients : self.n_shared] = np.tile(own, len(set(self.sailed)))
+        precision[self.n_coefficients : self.n_shared] = np.tile(own, len(set(self.trial_indices)))
         return precision
 
     @property
     def likelihood_design(self) -> np.ndarray:
-        """Rows of the prior's statement over all unknowns, (n_rows, n_unknowns)."""
+        """Design of the likelihood of other data over all unknowns, (n_rows, n_unknowns)."""
         rows = self.prior.likelihood_or_flat.design
         return np.pad(rows, ((0, 0), (0, self.unit.size - rows.shape[1])))
 
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Misfit at one point: log likelihood, and gradient and Gauss-Newton matrix of its negative in the problem's units.
+    """Log likelihood at one point, with gradient and Gauss-Newton matrix of its negative in the problem's units.
 
-    ``residuals`` holds, for each run, the whitened misfit (n_channels, n_blocks) in standard deviations.
+    ``residuals``: whitened misfit of each run (n_channels, n_blocks) in sd.
     """
 
     log_likelihood: float
@@ -149,16 +148,11 @@ class TrajectoryFit:
     Attributes
     ----------
     problem : Problem
-    unknowns : ndarray, shape (n_unknowns,)
-        Coefficients, then initial state and offsets of each run, physical units.
-    square_root : ndarray, shape (n_unknowns, n_unknowns)
-        ``square_root @ square_root.T`` is the posterior covariance, physical units.
-    residuals : tuple of ndarray, shape (n_channels, n_blocks)
-        Whitened misfit of each run in standard deviations.
-    log_likelihood, log_evidence : float
-        The evidence of a partly flat prior is up to a constant that is the same for every noise model.
-    n_steps : int
-        Steps of Levenberg and Marquardt.
+    unknowns : ndarray, shape (n_unknowns,); coefficients, then initial state and offsets of each run, physical units
+    square_root : ndarray, shape (n_unknowns, n_unknowns); R with R R' the posterior covariance, physical units
+    residuals : tuple of ndarray, shape (n_channels, n_blocks); whitened misfit of each run in sd
+    log_likelihood, log_evidence : float; for a partly flat prior the evidence is up to a constant
+    n_steps : int; steps of Levenberg-Marquardt
     """
 
     problem: Problem
@@ -187,27 +181,27 @@ class TrajectoryFit:
 
     @property
     def chi2(self) -> float:
-        """Mean square of the whitened misfit; 1 where model and noise are right."""
+        """Mean square of the whitened misfit; expected value 1."""
         return float(np.mean(np.concatenate([values.ravel() for values in self.residuals]) ** 2))
 
 
 def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
-    """Simulate all runs with their sensitivities and compare them with the records; None where a ship diverged."""
+    """Linearisation of all runs at the unknowns; None where a simulation diverges."""
     unit, design = problem.unit, problem.likelihood_design
     misfit = problem.prior.likelihood_or_flat.residuals(unknowns[: problem.n_coefficients])
     gradient, matrix, residuals = -design.T @ misfit, design.T @ design, []
     log_likelihood = -0.5 * float(misfit @ misfit)
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
-    for run, noise, columns, place in pieces:
-        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[place])
+    for run, noise, columns, nuisance_slice in pieces:
+        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[nuisance_slice])
         if not rows:
             return None
-        which = np.r_[columns, place]
-        local = np.zeros((which.size, which.size))
+        indices = np.r_[columns, nuisance_slice]
+        local = np.zeros((indices.size, indices.size))
         for misfit, design in rows:
-            gradient[which] -= design.T @ misfit
+            gradient[indices] -= design.T @ misfit
             local += design.T @ design
-        matrix[np.ix_(which, which)] += local
+        matrix[np.ix_(indices, indices)] += local
         residuals.append(np.array([misfit for misfit, _ in rows]))
         log_likelihood += _log_normal(residuals[-1], noise)
     return Linearisation(log_likelihood, gradient * unit, matrix * np.outer(unit, unit), tuple(residuals))
@@ -216,7 +210,7 @@ def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
 def run_rows(
     vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Whitened misfit (n_blocks,) and design (n_blocks, n_local) of each channel of a run; none where it diverged."""
+    """Whitened misfit (n_blocks,) and design (n_blocks, n_local) of each channel of a run; empty if it diverges."""
     start = nuisances[: run.n_states]
     motion, jacobian = sensitivities(vessel, run.inputs, start, coefficients, block=run.block, **run.integration)
     if not np.isfinite(motion).all():
@@ -243,7 +237,7 @@ def _log_normal(white: np.ndarray, noise: Noise) -> float:
 
 @dataclass(frozen=True)
 class _Mode:
-    """Where a descent ended: the unknowns, the linearisation there and the steps taken."""
+    """End point of a descent: unknowns, linearisation and number of steps."""
 
     problem: Problem
     unknowns: np.ndarray
@@ -259,14 +253,14 @@ def _cost(problem: Problem, unknowns: np.ndarray, point: Linearisation | None) -
 
 
 def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
-    """Levenberg-Marquardt with the damping in units of the prior."""
+    """Levenberg-Marquardt with damping in units of the prior (Nielsen 1999)."""
     unknowns, unit, center, precision = start.copy(), problem.unit, problem.center, problem.precision
     point = linearise(problem, unknowns)
     cost = _cost(problem, unknowns, point)
     if point is None or not np.isfinite(cost):
         raise FitError(
-            "The simulated ship leaves the model's range at the start of the fit: the first estimate from these "
-            "records is no stable ship; add a run that turns less hard, or a prior nearer to the ship."
+            "A fit needs a start whose simulation does not diverge, found one that leaves the model's range at the "
+            "start of the fit; add a run with smaller rudder angles, or a prior nearer to the ship."
         )
     damping, growth = 1e-3, 2.0
     for n_steps in range(_MOST_STEPS):
@@ -285,7 +279,9 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
             damping, growth = damping * growth, 2.0 * growth
         if damping > 1e12:
             return _Mode(problem, unknowns, point, n_steps)
-    raise FitError(f"No minimum was found in {_MOST_STEPS} steps; give more runs or a prior nearer to the ship.")
+    raise FitError(
+        f"A fit converges in {_MOST_STEPS} steps, found no minimum; give more runs or a prior nearer to the ship."
+    )
 
 
 def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -295,16 +291,14 @@ def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) -> TrajectoryFit:
-    """Posterior mode from a start, with the factors tau of the prior by evidence, and its normal approximation.
+    """Posterior mode from a start, factors tau of the prior by evidence, and the normal approximation.
 
-    Levenberg-Marquardt in units of the prior; then, where the prior has scales to tune, tau of each DOF by MacKay's
-    fixed point on the linearised problem and a descent from there, until tau stays.
+    Descents alternate with MacKay's fixed point for tau of each DOF on the linearised problem, until tau converges.
 
     Parameters
     ----------
     problem : Problem
-    start : ndarray, shape (n_unknowns,)
-        Coefficients, then initial state and offsets of each run.
+    start : ndarray, shape (n_unknowns,); coefficients, then initial state and offsets of each run
     change : float, optional
 
     Returns
@@ -314,7 +308,7 @@ def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) 
     Raises
     ------
     FitError
-        When the start diverges, no minimum is found or, under a flat prior, it is none in every direction.
+        When the start diverges, no minimum is reached or, under a flat prior, the minimum is not unique.
 
     References
     ----------
@@ -325,30 +319,30 @@ def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) 
     n_steps = mode.n_steps
     for _ in range(_MOST_REFITS if problem.prior.tuned.any() else 0):
         tau = _tuned_tau(mode)
-        settled = np.max(np.abs(np.log(tau / mode.problem.tau))) < 0.02
+        converged = np.max(np.abs(np.log(tau / mode.problem.tau))) < 0.02
         mode = _descend(replace(mode.problem, tau=tau), mode.unknowns, change)
         n_steps += mode.n_steps
-        if settled:
+        if converged:
             break
     return _approximation(replace(mode, n_steps=n_steps))
 
 
 def _tuned_tau(mode: _Mode) -> np.ndarray:
-    """Factors tau at which the linearised problem has its greatest evidence."""
+    """Factors tau of greatest evidence of the linearised problem (MacKay 1992)."""
     problem, dofs, M = mode.problem, coefficient_dofs(mode.problem.vessel), mode.point.matrix
     at = (mode.unknowns - problem.center) / problem.unit
-    pull = M @ at - mode.point.gradient
+    linear_term = M @ at - mode.point.gradient
     for _ in range(_MOST_TAU_UPDATES):
         precision = problem.precision
         size = np.sqrt(np.diag(M) + precision)
         covariance = np.linalg.inv((M + np.diag(precision)) / np.outer(size, size)) / np.outer(size, size)
-        at, tau = covariance @ pull, problem.tau.copy()
-        known = precision * np.diag(covariance)
+        at, tau = covariance @ linear_term, problem.tau.copy()
+        variance_ratio = precision * np.diag(covariance)
         for g in range(tau.size):
-            mine = np.flatnonzero(problem.prior.tuned & (dofs == g))
-            if mine.size:
-                gamma = max(np.sum(1.0 - known[mine]), 1e-3)
-                tau[g] = np.clip(tau[g] * np.sqrt(np.sum(precision[mine] * at[mine] ** 2) / gamma), *TAU_RANGE)
+            of_dof = np.flatnonzero(problem.prior.tuned & (dofs == g))
+            if of_dof.size:
+                gamma = max(np.sum(1.0 - variance_ratio[of_dof]), 1e-3)
+                tau[g] = np.clip(tau[g] * np.sqrt(np.sum(precision[of_dof] * at[of_dof] ** 2) / gamma), *TAU_RANGE)
         change = np.max(np.abs(np.log(tau / problem.tau)))
         problem = replace(problem, tau=tau)
         if change < 1e-3:
@@ -357,20 +351,23 @@ def _tuned_tau(mode: _Mode) -> np.ndarray:
 
 
 def _approximation(mode: _Mode) -> TrajectoryFit:
-    """Normal approximation from the singular values of the whitened design, prior rows included."""
+    """Normal approximation by the SVD of the whitened design with the rows of the prior."""
     problem, unknowns = mode.problem, mode.unknowns
     unit, precision = problem.unit, problem.precision
     blocks = [np.diag(np.sqrt(precision)), problem.likelihood_design * unit]
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
-    for run, noise, columns, place in pieces:
-        which = np.r_[columns, place]
-        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[place])
-        triangle = np.linalg.qr(np.vstack([design for _, design in rows]) * unit[which], mode="r")
+    for run, noise, columns, nuisance_slice in pieces:
+        indices = np.r_[columns, nuisance_slice]
+        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[nuisance_slice])
+        triangle = np.linalg.qr(np.vstack([design for _, design in rows]) * unit[indices], mode="r")
         blocks.append(np.zeros((len(triangle), unit.size)))
-        blocks[-1][:, which] = triangle
+        blocks[-1][:, indices] = triangle
     _, s, right = np.linalg.svd(np.linalg.qr(np.vstack(blocks), mode="r"))
     if s[-1] < _LEAST_SINGULAR_VALUE * s[0]:
-        raise FitError("The records leave combinations of the coefficients wholly unknown; give them a prior.")
+        raise FitError(
+            "A flat prior needs records that determine every coefficient, found undetermined combinations; give them a "
+            "prior."
+        )
     distance = (unknowns - problem.center) / unit
     log_precision = np.log(np.where(precision > 0.0, precision, 1.0))
     log_prior = 0.5 * np.sum(log_precision - _LOG_2PI - precision * distance**2)

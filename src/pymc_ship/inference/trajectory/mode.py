@@ -1,4 +1,4 @@
-"""Posterior mode of whole trajectories from several weak-form starts."""
+"""Posterior mode of whole trajectories from two weak-form starts."""
 
 from __future__ import annotations
 
@@ -21,21 +21,18 @@ from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.trial.record import trial_list
 
-_SAME_MODE_SD = 0.5  # modes nearer than this [posterior sd] count as one
+_SAME_MODE_SD = 0.5  # largest distance of equal modes [posterior sd]
 
 
 @dataclass(frozen=True)
 class TrajectoryMode:
-    """Best mode found from several starts.
+    """Best mode of several starts.
 
     Attributes
     ----------
     choice : NoiseChoice
-        Fit, noise model and tests.
-    n_starts, n_agreeing : int
-        Starts that ran, and those that ended at this mode.
-    quality_flags : dict of str to str
-        Quality flags of the records, see :func:`pymc_ship.records.files.quality_flags.quality_flags`.
+    n_starts, n_agreeing : int; number of starts, and of those that reached this mode
+    quality_flags : dict of str to str; of the records
     """
 
     choice: NoiseChoice
@@ -55,16 +52,9 @@ def trajectory_mode(
     offsets: bool | None = None,
     method: str = "rk4",
 ) -> TrajectoryMode:
-    """Posterior mode from weak-form starts, under the noise model the residuals call for.
-
-    The weak form under the prior is the first start, that without damping by order the second; its descent runs under
-    the noise model that the first one chose.
+    """Posterior mode from weak-form starts with and without damping by order, under the noise model of the first.
 
     Parameters, errors and references as :func:`pymc_ship.trajectory_posterior`.
-
-    Returns
-    -------
-    TrajectoryMode
     """
     trials = trial_list(trials)
     if not trials:
@@ -90,7 +80,7 @@ def trajectory_mode(
 
 
 def _better_mode(choice: NoiseChoice, start: np.ndarray, quality: dict[str, str]) -> TrajectoryMode:
-    """Better of two modes under the same noise, from two starts."""
+    """Mode of greater evidence of two starts under the same noise."""
     fit = choice.fit
     unknowns = fit.unknowns.copy()
     unknowns[: start.size] = start
@@ -105,7 +95,7 @@ def _better_mode(choice: NoiseChoice, start: np.ndarray, quality: dict[str, str]
 
 
 def _with_missing_states(trial: xr.Dataset, run: Run, vessel: Vessel) -> xr.Dataset:
-    """Trial with its unmeasured states simulated by the vessel file along the measured rudder."""
+    """Trial with its unmeasured states simulated along the measured rudder by the reference coefficients."""
     missing = [name for name in STATE[: 5 if run.rolls else 3] if name not in run.channels]
     if not missing:
         return trial
@@ -113,7 +103,7 @@ def _with_missing_states(trial: xr.Dataset, run: Run, vessel: Vessel) -> xr.Data
     motion = replay(vessel, run.inputs, start, theta, **run.integration)[:, 0]
     if not np.isfinite(motion).all():
         raise FitError(
-            f"A fit starts from u, v, r (and p, phi where the ship rolls); {', '.join(missing)} not fitted and the "
-            "vessel file's own ship leaves the model's range along this rudder: give it a similar ship's coefficients."
+            f"A fit without {', '.join(missing)} simulates them by the coefficients of the vessel file, found that the "
+            "simulation leaves the model's range along this rudder; use the coefficients of a similar ship."
         )
     return trial.assign({name: ("time", motion[STATE.index(name)]) for name in missing})

@@ -1,10 +1,4 @@
-"""Which noise the residuals of a trajectory fit show, and the fit under it.
-
-White normal noise of the sd given (or of second differences) is tried first. What it leaves is tested: for serial
-correlation (Ljung and Box), for constant sensor offsets (score test), for heavy tails (kurtosis) and for its size.
-Where a test fails, the noise model that mends it is fitted: to ignore it would leave intervals that cover 20 to 50 % in
-place of 90 %.
-"""
+"""Choice of the noise model by tests of the residuals of a fit under white noise, and the fit under that model."""
 
 from __future__ import annotations
 
@@ -31,25 +25,24 @@ from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import Vessel
 
 NOISE_MODELS = ("auto", "white", "ar1", "student_t")
-"""Noise models to ask for; ``auto`` tests the residuals and chooses."""
+"""Values of ``noise``; ``auto`` chooses by the tests of the residuals."""
 
 ALPHA = 1e-4
-"""Probability at which a test of the residuals calls for another noise model, for all channels together."""
+"""Significance level of each test, for all channels together."""
 
 LAGS = 10
 """Lags of the Ljung-Box test, in blocks."""
 
 _MOST_PASSES = 5
-_SETTLED = 0.02  # posterior standard deviations
+_CONVERGED = 0.02  # posterior standard deviations
 _DEGREES_OF_FREEDOM = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
 
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """Tests of white normal noise: p-values, each for all runs and channels together.
+    """p-values of tests of white normal noise, each for all runs and channels together.
 
-    ``serial`` (Ljung-Box), ``offset`` (score test of constant offsets), ``tails`` (kurtosis of the samples), ``size``
-    (mean square against the sd assumed).
+    ``serial`` (Ljung-Box), ``offset`` (score test), ``tails`` (kurtosis), ``size`` (chi2 against the sd assumed).
     """
 
     serial: float
@@ -60,18 +53,15 @@ class ResidualTests:
 
 @dataclass(frozen=True)
 class NoiseChoice:
-    """Fit under the chosen noise model and how it was chosen.
+    """Fit under the chosen noise model, with the reason in ``sentence``.
 
     Attributes
     ----------
     fit : TrajectoryFit
     kind : {"white", "ar1", "student_t"}
-    offsets : bool
-        Whether each sensor of each run has a constant offset among the unknowns.
-    degrees_of_freedom : float
-        Of Student's t; infinite otherwise.
-    tests : ResidualTests
-        Of the fit with white noise and without offsets.
+    offsets : bool; whether each sensor of each run has a constant offset among the unknowns
+    degrees_of_freedom : float; of Student's t, infinite otherwise
+    tests : ResidualTests; of the fit with white noise and without offsets
     sentence : str
     """
 
@@ -92,7 +82,7 @@ def fit_with_noise(
     noise: str = "auto",
     offsets: bool | None = None,
 ) -> NoiseChoice:
-    """Fit trajectories under the noise model asked for, or the one that their residuals call for.
+    """Fit trajectories under a given noise model, or the one chosen by tests of the residuals.
 
     Parameters
     ----------
@@ -100,10 +90,9 @@ def fit_with_noise(
     vessel : Vessel
     prior : CoefficientPrior
     start : ndarray, shape (n_coefficients,)
-        Coefficients to start from.
     noise : {"auto", "white", "ar1", "student_t"}, optional
     offsets : bool, optional
-        Constant sensor offsets as unknowns; by default where a score test finds them.
+        Constant sensor offsets as unknowns; default: by the score test.
 
     Returns
     -------
@@ -127,20 +116,16 @@ def fit_with_noise(
         shifted = tests.offset < ALPHA if offsets is None else offsets
         if noise == "ar1" and shifted:
             noise = _correlated_or_shifted(white)
-    fit, degrees_of_freedom = _fitted(white, noise, bool(offsets), tests)
+    fit, degrees_of_freedom = _fit_under_noise(white, noise, bool(offsets), tests)
     shifted = offset_test(fit) < ALPHA if offsets is None else offsets
     if shifted and offsets is None:
-        fit, degrees_of_freedom = _fitted(fit, noise, True, tests)
+        fit, degrees_of_freedom = _fit_under_noise(fit, noise, True, tests)
     sentence = _sentence(noise, shifted, degrees_of_freedom, tests, fit)
     return NoiseChoice(fit, noise, shifted, degrees_of_freedom, tests, sentence)
 
 
 def _white_fit(problem: Problem, start: np.ndarray) -> TrajectoryFit:
-    """Fit under white noise of the sd assumed or, where no minimum is found, of the residuals, with tau at 1.
-
-    Second differences miss most of a noise that is correlated over seconds. Under such an sd, and under factors tau
-    that grow with it, the cost is a valley without end.
-    """
+    """Fit under white noise of the sd assumed or, if it does not converge, of the residuals, with tau at 1."""
     try:
         return fit_trajectory(problem, start)
     except FitError:
@@ -151,26 +136,26 @@ def _white_fit(problem: Problem, start: np.ndarray) -> TrajectoryFit:
     for _ in range(_MOST_PASSES):
         noise = []
         for run, residuals in zip(problem.runs, _residuals(problem, unknowns), strict=True):
-            assumed, found = white_noise(run), _normal_noise(run, residuals, offsets=False, correlated=False)
-            noise.append(replace(assumed, sd=np.maximum(assumed.sd, found.sd)))
+            assumed, estimated = white_noise(run), _normal_noise(run, residuals, offsets=False, correlated=False)
+            noise.append(replace(assumed, sd=np.maximum(assumed.sd, estimated.sd)))
         fit = fit_trajectory(replace(problem, noise=tuple(noise)), unknowns)
         change, unknowns = np.max(np.abs(fit.unknowns - unknowns)[: prior.mean.size] / fit.sd), fit.unknowns
-        if change < _SETTLED:
+        if change < _CONVERGED:
             break
     return replace(fit, problem=replace(fit.problem, prior=prior))
 
 
 def _correlated_or_shifted(white: TrajectoryFit) -> str:
-    """Law of the noise where residuals are correlated: white if constant offsets alone explain it."""
+    """Noise model of correlated residuals: ``white`` if constant offsets explain the correlation, else ``ar1``."""
     try:
-        shifted, _ = _fitted(white, "white", True, None)
+        shifted, _ = _fit_under_noise(white, "white", True, None)
     except FitError:
         return "ar1"
     return "ar1" if serial_test(shifted) < ALPHA else "white"
 
 
 def residual_tests(fit: TrajectoryFit) -> ResidualTests:
-    """Test the residuals of a fit with white noise and without offsets."""
+    """Tests of the residuals of a fit with white noise and without offsets."""
     p_size, p_tails, problem = [], [], fit.problem
     for run, noise, white, samples in zip(
         problem.runs, problem.noise, fit.residuals, sample_residuals(fit), strict=True
@@ -179,16 +164,16 @@ def residual_tests(fit: TrajectoryFit) -> ResidualTests:
         spread = np.sqrt(2.0 / white.shape[1] + 5.4 / run.inputs.shape[1])
         p_size += list(2.0 * stats.norm.sf(np.abs(size - 1.0) / spread))
         p_tails += list(stats.kurtosistest(samples, axis=1, alternative="greater").pvalue)
-    return ResidualTests(serial_test(fit), offset_test(fit), _together(p_tails), _together(p_size))
+    return ResidualTests(serial_test(fit), offset_test(fit), _bonferroni(p_tails), _bonferroni(p_size))
 
 
-def _together(p: Sequence[float]) -> float:
+def _bonferroni(p: Sequence[float]) -> float:
     """Bonferroni's p-value of several tests."""
     return float(min(1.0, len(p) * min(p)))
 
 
 def serial_test(fit: TrajectoryFit) -> float:
-    """Ljung-Box test of the block residuals of each channel of each run."""
+    """p-value of the Ljung-Box test of the block residuals of each channel of each run."""
     p = []
     for white in fit.residuals:
         n = white.shape[1]
@@ -197,25 +182,23 @@ def serial_test(fit: TrajectoryFit) -> float:
         r = r[1:] / r[0]
         box = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1, lags + 1))[:, None], axis=0)
         p += list(stats.chi2.sf(box, lags))
-    return _together(p)
+    return _bonferroni(p)
 
 
 def offset_test(fit: TrajectoryFit) -> float:
-    """Score test of one constant offset for each sensor of each run: the offsets after one Gauss-Newton step from 0.
-
-    The step moves all unknowns: offsets that an initial state can all but stand for would magnify what the fit has left
-    of its own gradient.
-    """
+    """p-value of the score test of a constant offset of each sensor: one Gauss-Newton step of all unknowns from 0."""
     noise = tuple(replace(noise, offsets=True) for noise in fit.problem.noise)
     problem = replace(fit.problem, noise=noise)
     parts, is_offset = [fit.coefficients], [np.zeros(fit.coefficients.size, dtype=bool)]
-    for run, place in zip(problem.runs, fit.problem.nuisances, strict=True):
-        parts += [fit.unknowns[place][: run.n_states], np.zeros(len(run.channels))]
+    for run, nuisance_slice in zip(problem.runs, fit.problem.nuisances, strict=True):
+        parts += [fit.unknowns[nuisance_slice][: run.n_states], np.zeros(len(run.channels))]
         is_offset += [np.zeros(run.n_states, dtype=bool), np.ones(len(run.channels), dtype=bool)]
     unknowns, free = np.concatenate(parts), np.concatenate(is_offset)
     point = linearise(problem, unknowns)
     if point is None:
-        raise FitError("The simulated ship leaves the model's range at the unknowns of a fit; fit it again.")
+        raise FitError(
+            "The test of offsets simulates the fitted ship, found that it leaves the model's range; repeat the fit."
+        )
     precision = np.where(free, 0.0, problem.precision)
     H = point.matrix + np.diag(precision)
     size = np.sqrt(np.diag(H))
@@ -226,14 +209,14 @@ def offset_test(fit: TrajectoryFit) -> float:
 
 
 def sample_residuals(fit: TrajectoryFit) -> list[np.ndarray]:
-    """Raw samples minus the fitted motion and offsets of each run, each of shape (n_channels, n_time)."""
+    """Raw samples minus fitted motion and offsets of each run, each (n_channels, n_time)."""
     return _residuals(fit.problem, fit.unknowns)
 
 
 def _residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
     residuals = []
-    for run, place, noise in zip(problem.runs, problem.nuisances, problem.noise, strict=True):
-        nuisances = unknowns[place]
+    for run, nuisance_slice, noise in zip(problem.runs, problem.nuisances, problem.noise, strict=True):
+        nuisances = unknowns[nuisance_slice]
         start, theta = nuisances[: run.n_states], unknowns[: problem.n_coefficients]
         motion = replay(problem.vessel, run.inputs, start, theta, **run.integration)
         offsets = nuisances[run.n_states :, None] if noise.offsets else 0.0
@@ -242,15 +225,14 @@ def _residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
 
 
 def white_misfits(problem: Problem, unknowns: np.ndarray) -> Iterator[np.ndarray]:
-    """Whitened misfit of each run for many draws, (n_channels, n_draws, n_blocks); NaN where the ship left the range.
+    """Whitened misfit of each run for draws of the unknowns (n_draws, n_unknowns).
 
-    Parameters
-    ----------
-    problem : Problem
-    unknowns : ndarray, shape (n_draws, n_unknowns)
+    Each of shape (n_channels, n_draws, n_blocks); NaN where a draw leaves the model's range.
     """
-    for run, noise, columns, place in zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True):
-        theta, nuisances = unknowns[:, columns], unknowns[:, place]
+    for run, noise, columns, nuisance_slice in zip(
+        problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True
+    ):
+        theta, nuisances = unknowns[:, columns], unknowns[:, nuisance_slice]
         motion = replay(
             problem.vessel, run.inputs, nuisances[:, : run.n_states], theta, block=run.block, **run.integration
         )
@@ -260,12 +242,14 @@ def white_misfits(problem: Problem, unknowns: np.ndarray) -> Iterator[np.ndarray
         yield np.array([whiten(values.T, sd, correlation).T for values, sd, correlation in laws])
 
 
-def _fitted(fit: TrajectoryFit, kind: str, offsets: bool, tests: ResidualTests | None) -> tuple[TrajectoryFit, float]:
-    """Fit under a noise model, warm from another, its parameters from its own residuals."""
+def _fit_under_noise(
+    fit: TrajectoryFit, kind: str, offsets: bool, tests: ResidualTests | None
+) -> tuple[TrajectoryFit, float]:
+    """Fit under a noise model whose parameters come from the residuals, from the mode of another fit."""
     degrees_of_freedom = np.inf
     if kind == "white" and tests is not None and tests.size >= ALPHA:
         noise = [white_noise(run, offsets=offsets) for run in fit.problem.runs]
-        return (_refitted(fit, noise) if offsets else fit), degrees_of_freedom
+        return (_refit(fit, noise) if offsets else fit), degrees_of_freedom
     for _ in range(_MOST_PASSES):
         if kind == "student_t":
             degrees_of_freedom, noise = _student_noise(fit, offsets)
@@ -274,14 +258,14 @@ def _fitted(fit: TrajectoryFit, kind: str, offsets: bool, tests: ResidualTests |
                 _normal_noise(run, residuals, offsets, correlated=kind == "ar1")
                 for run, residuals in zip(fit.problem.runs, sample_residuals(fit), strict=True)
             ]
-        before, fit = fit, _refitted(fit, noise)
-        if np.max(np.abs(fit.coefficients - before.coefficients) / fit.sd) < _SETTLED:
+        previous, fit = fit, _refit(fit, noise)
+        if np.max(np.abs(fit.coefficients - previous.coefficients) / fit.sd) < _CONVERGED:
             break
     return fit, degrees_of_freedom
 
 
-def _refitted(fit: TrajectoryFit, noise: Sequence[Noise]) -> TrajectoryFit:
-    """Fit with other noise, from the mode of a fit; offsets start from zero."""
+def _refit(fit: TrajectoryFit, noise: Sequence[Noise]) -> TrajectoryFit:
+    """Fit with other noise from the mode of a fit; offsets start from zero."""
     problem = replace(fit.problem, noise=tuple(noise))
     start = problem.center
     start[: problem.n_coefficients] = fit.coefficients
@@ -303,7 +287,7 @@ def _normal_noise(run: Run, residuals: np.ndarray, offsets: bool, *, correlated:
 
 
 def _student_noise(fit: TrajectoryFit, offsets: bool) -> tuple[float, list[Noise]]:
-    """Student's t for the samples: blocks whose mean and sd carry its score and its Fisher information."""
+    """Student-t noise as pseudo-data: blocks whose mean and sd have its score and Fisher information."""
     runs, residuals = fit.problem.runs, sample_residuals(fit)
     rows = [values for run in residuals for values in run]
     scales = [[_t_scale(values, nu) for values in rows] for nu in _DEGREES_OF_FREEDOM]
@@ -325,7 +309,7 @@ def _student_noise(fit: TrajectoryFit, offsets: bool) -> tuple[float, list[Noise
 
 
 def _t_scale(values: np.ndarray, nu: float) -> float:
-    """Scale of Student's t about 0 of greatest likelihood, by expectation and maximisation."""
+    """Maximum-likelihood scale of Student's t about 0, by EM."""
     scale = float(np.median(np.abs(values)) / stats.t.ppf(0.75, nu))
     for _ in range(50):
         weight = (nu + 1.0) / (nu + (values / scale) ** 2)
@@ -336,14 +320,14 @@ def _t_scale(values: np.ndarray, nu: float) -> float:
 
 
 def _sentence(kind: str, offsets: bool, nu: float, tests: ResidualTests, fit: TrajectoryFit) -> str:
-    """What was found in the residuals and what was done about it."""
+    """Chosen noise model and the tests that failed, as one sentence."""
     law = {
         "white": "white normal noise",
         "ar1": "noise with a first-order autocorrelation of each channel",
         "student_t": f"Student's t noise with {nu:g} degrees of freedom",
     }[kind]
     extra = " and a constant offset of each sensor" if offsets else ""
-    found = [
+    failed_tests = [
         f"{name} (p = {p:.2g})"
         for name, p in (
             ("serial correlation", tests.serial),
@@ -353,5 +337,9 @@ def _sentence(kind: str, offsets: bool, nu: float, tests: ResidualTests, fit: Tr
         )
         if p < ALPHA
     ]
-    reason = f"the residuals under plain white noise show {', '.join(found)}" if found else "the residuals are white"
+    reason = (
+        f"the residuals under plain white noise show {', '.join(failed_tests)}"
+        if failed_tests
+        else "the residuals are white"
+    )
     return f"Fitted with {law}{extra}: {reason}; chi2 per value {fit.chi2:.2f}."

@@ -1,4 +1,4 @@
-"""Posterior of all coefficients from whole trajectories: raw records in, one DataTree out."""
+"""Laplace approximation of the posterior of all coefficients from raw records, as a DataTree."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import coefficient_names
 
 KHAT_LIMIT = 0.7
-"""Pareto k-hat above which the normal approximation is not to be trusted (Vehtari et al. 2024)."""
+"""Pareto k-hat above which the normal approximation is unreliable (Vehtari et al. 2024)."""
 
 _LOG_2PI = np.log(2.0 * np.pi)
 
@@ -42,25 +42,24 @@ def trajectory_posterior(
 ) -> xr.DataTree:
     """Posterior of all coefficients of a vessel from whole trajectories (output-error method, Laplace approximation).
 
-    The simulated motion is fitted to the raw records: nothing is differentiated or smoothed. The posterior is normal
-    around its mode; importance weights of its draws give the Pareto k-hat that tells how far to trust it. Above 0.7 use
-    :func:`pymc_ship.trajectory_nuts_posterior`.
+    The simulated motion is fitted to the raw records without derivatives or smoothing. Pareto k-hat of the importance
+    weights diagnoses the normal approximation; above 0.7 use :func:`pymc_ship.trajectory_nuts_posterior`.
 
     Parameters
     ----------
     trials : Dataset or sequence of Dataset, dims (time,)
         Raw records with ``delta`` and any of u, v, r, p, phi, psi, x, y; each run has its own initial state.
     vessel : Vessel, str or Path
-        Its reference coefficients are looked at under the prior ``"sister_ship"`` only.
+        Its reference coefficients are used under the prior ``"sister_ship"`` only.
     prior : {"order_damped", "sister_ship", "flat"} or CoefficientPrior, optional
         See :func:`pymc_ship.coefficient_prior`.
     draws, chains : int, optional
-        Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
+        Total number of draws (independent), and number of chains for ArviZ.
     rng : int, SeedSequence or Generator
     **settings
         ``channels`` to fit (default: those of u, v, r, p, phi there are), ``noise_sd`` of single samples by channel
         (default: from second differences), ``noise`` ("auto", "white", "ar1", "student_t"), ``offsets`` (True, False;
-        default: as the residuals call for), ``method`` ("rk4", "euler").
+        default: by a test of the residuals), ``method`` ("rk4", "euler").
 
     Returns
     -------
@@ -69,15 +68,15 @@ def trajectory_posterior(
         run), log_likelihood (``response``, one row for each block of samples, all channels together), log_prior,
         observed_data (block means by row and channel) and constant_data (``time``, ``run``, ``motion`` in prime
         values, ``fitted``, ``prior_sd`` of the coefficients, ``noise_sd`` of a sample, ``block_sd`` and ``correlation``
-        of the blocks). Attrs tell the noise model and why, the mean chi2, Pareto k-hat and the verdict on it, the
-        factors tau, the starts that agree and the share of draws that diverge on the records.
+        of the blocks). Attrs: noise model and its reason, mean chi2, Pareto k-hat and verdict, factors tau, number of
+        starts that agree, fraction of draws that diverge on the records.
 
     Raises
     ------
     TrialError, InferenceError
         For trials or priors that cannot be used.
     FitError
-        For no trial, a noise model that is not known, or when no start converges.
+        For no trial, an unknown noise model, or when no start converges.
     ValueError
         When ``draws`` is no positive multiple of ``chains``.
 
@@ -88,7 +87,7 @@ def trajectory_posterior(
 
     Examples
     --------
-    A fit to a noisy zigzag, and a rudder coefficient beside its reference value:
+    Fit to a noisy zigzag; posterior mean and reference value of a rudder coefficient:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
@@ -105,7 +104,9 @@ def trajectory_posterior(
     rng = random_generator(rng)
     vessel = as_vessel(vessel)
     if draws < 1 or chains < 1 or draws % chains:
-        raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
+        raise ValueError(
+            f"Chains have equal numbers of draws, found {draws} draws for {chains} chains; give a multiple."
+        )
     mode = trajectory_mode(trials, vessel, prior, **settings)
     return laplace_posterior(mode, draws=draws, chains=chains, rng=rng)
 
@@ -117,12 +118,14 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
     unknowns = fit.unknowns + standard @ fit.square_root.T
     log_likelihood = log_likelihood_rows(fit, unknowns)
     log_prior = log_prior_density(fit, unknowns)
-    running = np.isfinite(log_likelihood).all(axis=1)
-    if not running.any():
-        raise FitError("Every draw of the normal approximation leaves the model's range; give a closer prior.")
-    log_weight = np.where(running, log_likelihood.sum(axis=1) + log_prior + 0.5 * np.sum(standard**2, axis=1), -np.inf)
-    khat = pareto_khat(log_weight[running])
-    attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~running))}
+    finite = np.isfinite(log_likelihood).all(axis=1)
+    if not finite.any():
+        raise FitError(
+            "The normal approximation needs a draw that does not diverge, found none; give a narrower prior."
+        )
+    log_weight = np.where(finite, log_likelihood.sum(axis=1) + log_prior + 0.5 * np.sum(standard**2, axis=1), -np.inf)
+    khat = pareto_khat(log_weight[finite])
+    attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~finite))}
     layout = (chains, draws // chains)
     return trajectory_tree(
         mode,
@@ -133,27 +136,27 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
 
 
 def pareto_khat(log_weight: np.ndarray) -> float:
-    """Shape of the generalised Pareto tail of importance weights; above 0.7 the proposal is not to be trusted."""
+    """Pareto k-hat, the shape of the generalised Pareto tail of importance weights."""
     from arviz_stats.base.array import array_stats
 
     return float(array_stats.psislw(log_weight.max() - log_weight)[1])
 
 
 def verdict(khat: float) -> str:
-    """Whether the normal approximation is to be trusted, and what to do where not."""
+    """Whether the normal approximation is reliable, with the remedy where it is not."""
     if khat <= KHAT_LIMIT:
         return "the normal approximation can be trusted"
     return "the normal approximation is not to be trusted: sample with trajectory_nuts_posterior"
 
 
 def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
-    """Log likelihood of every block, all channels together, shape (n_draws, n_rows); NaN where a draw diverges."""
+    """Log likelihood of every block over all channels, (n_draws, n_rows); NaN where a draw diverges."""
     pieces = zip(fit.problem.noise, white_misfits(fit.problem, unknowns), strict=True)
     return np.hstack([_run_log_likelihood(noise, white) for noise, white in pieces])
 
 
 def _run_log_likelihood(noise: Noise, white: np.ndarray) -> np.ndarray:
-    """Log density of the blocks of one run given those before, shape (n_draws, n_blocks)."""
+    """Log density of the blocks of one run, each given the one before, (n_draws, n_blocks)."""
     total = np.zeros(white.shape[1:])
     for values, sd, correlation in zip(white, noise.sd, noise.correlation, strict=True):
         total -= 0.5 * (values**2 + _LOG_2PI) + np.log(sd)
@@ -162,7 +165,7 @@ def _run_log_likelihood(noise: Noise, white: np.ndarray) -> np.ndarray:
 
 
 def log_prior_density(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
-    """Log prior density of coefficients, initial states and offsets, shape (n_draws,); flat ones count 0."""
+    """Log prior density of all unknowns, (n_draws,); flat priors add 0."""
     problem = fit.problem
     precision, unit = problem.precision, problem.unit
     proper = precision > 0.0
@@ -181,7 +184,7 @@ def trajectory_tree(
     attrs: Mapping[str, object],
     groups: Mapping[str, xr.Dataset] | None = None,
 ) -> xr.DataTree:
-    """Lay out draws of all unknowns as a DataTree.
+    """DataTree of draws of all unknowns, as of :func:`trajectory_posterior`.
 
     Parameters
     ----------
@@ -189,16 +192,10 @@ def trajectory_tree(
     unknowns : ndarray, shape (n_chains, n_draws, n_unknowns)
     log_likelihood : ndarray, shape (n_chains, n_draws, n_rows)
     log_prior : ndarray, shape (n_chains, n_draws)
-    method : str
-        ``"trajectory"`` or ``"trajectory_nuts"``.
+    method : {"trajectory", "trajectory_nuts"}
     attrs : mapping
     groups : mapping of str to Dataset, optional
         Further groups such as ``sample_stats``.
-
-    Returns
-    -------
-    DataTree
-        As :func:`trajectory_posterior`.
     """
     problem = mode.choice.fit.problem
     sample = ("chain", "draw")
@@ -222,8 +219,8 @@ def _posterior_group(problem: Problem, unknowns: np.ndarray, coords: Mapping) ->
     channels = list(dict.fromkeys(name for run in problem.runs for name in run.channels))
     initial = np.full((*unknowns.shape[:2], len(problem.runs), most), np.nan)
     offset = np.full((*unknowns.shape[:2], len(problem.runs), len(channels)), np.nan)
-    for k, (run, noise, place) in enumerate(zip(problem.runs, problem.noise, problem.nuisances, strict=True)):
-        nuisances = unknowns[..., place]
+    for k, (run, noise, nuisance_slice) in enumerate(zip(problem.runs, problem.noise, problem.nuisances, strict=True)):
+        nuisances = unknowns[..., nuisance_slice]
         initial[..., k, : run.n_states] = nuisances[..., : run.n_states]
         if noise.offsets:
             offset[..., k, [channels.index(name) for name in run.channels]] = nuisances[..., run.n_states :]
@@ -243,15 +240,17 @@ def _posterior_group(problem: Problem, unknowns: np.ndarray, coords: Mapping) ->
 
 
 def _records(fit: TrajectoryFit) -> tuple[xr.Dataset, xr.Dataset]:
-    """What was measured and fitted, block by block, and the noise of the sensors."""
+    """Groups constant_data and observed_data, block by block."""
     problem = fit.problem
     channels = list(dict.fromkeys(name for run in problem.runs for name in run.channels))
     parts, noise = [], np.full((3, len(problem.runs), len(channels)), np.nan)
     residuals = sample_residuals(fit)
-    for k, (run, law, place) in enumerate(zip(problem.runs, problem.noise, problem.nuisances, strict=True)):
-        parts.append(_record(fit, run, place, channels, k))
+    for k, (run, noise_model, nuisance_slice) in enumerate(
+        zip(problem.runs, problem.noise, problem.nuisances, strict=True)
+    ):
+        parts.append(_record(fit, run, nuisance_slice, channels, k))
         columns = [channels.index(name) for name in run.channels]
-        noise[:, k, columns] = np.sqrt(np.mean(residuals[k] ** 2, axis=1)), law.sd, law.correlation
+        noise[:, k, columns] = np.sqrt(np.mean(residuals[k] ** 2, axis=1)), noise_model.sd, noise_model.correlation
     whole = xr.concat(parts, "row").assign_coords(row=np.arange(sum(run.n_blocks for run in problem.runs)))
     constant = whole[["time", "run", "motion", "fitted"]]
     constant["prior_sd"] = _prior_sd(problem)
@@ -264,16 +263,16 @@ def _records(fit: TrajectoryFit) -> tuple[xr.Dataset, xr.Dataset]:
 
 
 def _prior_sd(problem: Problem) -> xr.DataArray:
-    """Prior standard deviation of every coefficient, factors tau included; infinite where the prior is flat."""
+    """Prior sd of every coefficient with factors tau; infinite where flat."""
     n = problem.n_coefficients
     with np.errstate(divide="ignore"):
         sd = problem.unit[:n] / np.sqrt(problem.precision[:n])
     return xr.DataArray(sd, {"coefficient": coefficient_names(problem.vessel)}, ("coefficient",))
 
 
-def _record(fit: TrajectoryFit, run: Run, place: slice, channels: list[str], index: int) -> xr.Dataset:
+def _record(fit: TrajectoryFit, run: Run, nuisance_slice: slice, channels: list[str], index: int) -> xr.Dataset:
     problem = fit.problem
-    start = fit.unknowns[place][: run.n_states]
+    start = fit.unknowns[nuisance_slice][: run.n_states]
     motion = replay(problem.vessel, run.inputs, start, fit.coefficients, block=run.block, **run.integration)[:, 0]
     prime, _, _ = prime_record(
         problem.vessel, dict(zip(STATE[:5], motion, strict=False)) | {"delta": run.block_means(run.inputs[0])}

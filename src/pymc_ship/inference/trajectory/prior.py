@@ -1,7 +1,6 @@
-"""Priors of all coefficients of a vessel at once, for fits of whole trajectories.
+"""Priors of all coefficients: theta_j ~ N(mean_j, (tau_g scale_j)^2), tau of each DOF g by evidence or 1.
 
-theta_j ~ N(mean_j, (tau_g scale_j)^2) with one tau for each degree of freedom g, found by evidence, or 1. Fits
-to windows take the same mean and scale for those of Student's t.
+Fits to windows use Student's t with the same mean and scale.
 """
 
 from __future__ import annotations
@@ -21,17 +20,14 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 KINDS = ("flat", "order_damped", "sister_ship")
-"""Priors that need no numbers of the user's own."""
+"""Kinds of prior that need no table."""
 
 FREEDOM = 4.0
-"""Degrees of freedom of a prior that is Student's t."""
+"""Degrees of freedom of the Student-t prior of fits to windows."""
 
 
 class GaussianLikelihood(NamedTuple):
-    """Gaussian likelihood of all coefficients theta: ``response - design @ theta`` is standard normal.
-
-    ``design`` (n_rows, n_coefficients), ``response`` (n_rows,).
-    """
+    """Gaussian likelihood of all coefficients theta: ``response - design @ theta`` is standard normal."""
 
     design: np.ndarray
     response: np.ndarray
@@ -48,15 +44,11 @@ class CoefficientPrior:
     Attributes
     ----------
     mean : ndarray, shape (n_coefficients,)
-    scale : ndarray, shape (n_coefficients,)
-        Standard deviation before the factor tau of the degree of freedom; infinite for a flat prior.
-    unit : ndarray, shape (n_coefficients,)
-        Typical size of a coefficient: the scale where it is finite.
-    tuned : ndarray of bool, shape (n_coefficients,)
-        Whether the scale is multiplied by the factor tau found by evidence; the others are taken as stated.
+    scale : ndarray, shape (n_coefficients,); sd before the factor tau, infinite for a flat prior
+    unit : ndarray, shape (n_coefficients,); typical size of a coefficient, the scale where it is finite
+    tuned : ndarray of bool, shape (n_coefficients,); whether the scale is multiplied by the factor tau
     kind : str
-    likelihood : GaussianLikelihood or None
-        Likelihood of other data, such as captive tests.
+    likelihood : GaussianLikelihood or None; likelihood of other data, such as captive tests
     """
 
     mean: np.ndarray
@@ -70,47 +62,31 @@ class CoefficientPrior:
 
     @property
     def likelihood_or_flat(self) -> GaussianLikelihood:
-        """Likelihood of other data; one without rows where there are none."""
+        """Likelihood of other data; without rows where there are none."""
         return self.likelihood or GaussianLikelihood(np.empty((0, self.mean.size)), np.empty(0))
 
     def as_normal_at(self, coefficients: np.ndarray, sd: np.ndarray) -> CoefficientPrior:
-        """Normal prior that stands for Student's t of these scales at a posterior.
+        """Normal prior equivalent to the Student-t prior at a posterior mean and sd, each (n_coefficients,).
 
-        Student's t is a mixture of normal laws; their mean precision at the posterior is (FREEDOM + 1) / (FREEDOM +
-        E z^2), z the distance from the mean in scales (Lange, Little & Taylor 1989,
-        doi:10.1080/01621459.1989.10478852). What the data leave open keeps its scale, as E z^2 is 1 there: tails that
-        no data cut are left out.
-
-        Parameters
-        ----------
-        coefficients, sd : ndarray, shape (n_coefficients,)
-            Posterior mean and standard deviation.
+        Mean precision of the scale mixture, (FREEDOM + 1) / (FREEDOM + E z^2), z = (theta - mean) / scale (Lange,
+        Little & Taylor 1989, doi:10.1080/01621459.1989.10478852). A coefficient without data keeps its scale.
         """
         square = ((coefficients - self.mean) ** 2 + sd**2) / self.scale**2
         return replace(self, scale=self.scale * np.sqrt((FREEDOM + square) / (FREEDOM + 1.0)))
 
     def draw(self, draws: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws of the prior alone, every factor tau at 1, shape (draws, n_coefficients).
-
-        Raises
-        ------
-        InferenceError
-            Where a scale is infinite.
-        """
+        """Draws of the prior at tau = 1, shape (draws, n_coefficients); InferenceError where a scale is infinite."""
         flat = int(np.sum(~np.isfinite(self.scale)))
         if flat:
             raise InferenceError(
                 f"Draws need a prior with a standard deviation of every coefficient, found {flat} of {self.scale.size} "
-                f"without (prior {self.kind}); use order_damped or sister_ship, or state them in a table."
+                f"without (prior {self.kind}); use order_damped or sister_ship, or give them in a table."
             )
         return self.mean + self.scale * rng.standard_normal((draws, self.mean.size))
 
 
 def coefficient_dofs(vessel: Vessel) -> np.ndarray:
-    """Index of the degree of freedom of each coefficient among ``vessel.dofs``, shape (n_coefficients,).
-
-    Parameters of parts act in all of them and count among the first; no factor tau changes them.
-    """
+    """Index of the DOF of each coefficient among ``vessel.dofs``, (n_coefficients,); parameters of parts count as 0."""
     linear = [np.full(len(vessel.terms(dof)), g) for g, dof in enumerate(vessel.dofs)]
     return np.concatenate([*linear, np.zeros(len(vessel.parameters), dtype=int)])
 
@@ -124,21 +100,19 @@ def coefficient_prior(
     damping: float = 0.3,
     relative_sd: float = 0.3,
 ) -> CoefficientPrior:
-    """Prior of all coefficients from general knowledge and, where there is any, from a table or the vessel file.
+    """Prior of all coefficients by kind, with values of a table or the vessel file in its place where there are any.
 
     Parameters
     ----------
     trials : sequence of Dataset
-        Give the typical size of each coefficient: rms force of the DOF over rms term.
+        Typical size of each coefficient: rms force of the DOF over rms term.
     vessel : Vessel, str or Path
-        Its reference coefficients are looked at for ``"sister_ship"`` only, but for those with an ``sd`` in the file:
-        they are N(value, sd) whatever the kind.
+        Reference coefficients with an ``sd`` in the file are N(value, sd); the others are used by ``"sister_ship"``.
     kind : {"order_damped", "sister_ship", "flat"}, optional
-        Centred on 0 with a scale of twice the typical size that falls with the order of the term; centred on the
-        vessel's reference values with ``relative_sd`` of them (and of a 20th of the typical size, so that a
-        coefficient near 0 is not taken as known); or no prior.
+        Mean 0, scale twice the typical size times ``damping`` for each order above the first; mean at the reference
+        value c, scale ``relative_sd`` times hypot(c, typical size / 20); or no prior.
     table : mapping of str to (float, float), optional
-        Mean and standard deviation of single coefficients by name, prime values; goes before the vessel file.
+        Mean and sd of single coefficients by name, prime values; overrides the vessel file.
     damping : float, optional
         Factor of the scale for each order above the first.
     relative_sd : float, optional
@@ -147,7 +121,7 @@ def coefficient_prior(
     Returns
     -------
     CoefficientPrior
-        With factors tau left to the evidence, but for a flat prior and for the table.
+        With tau by evidence, except for a flat prior, the table and the vessel file.
 
     Raises
     ------
@@ -157,7 +131,7 @@ def coefficient_prior(
 
     Examples
     --------
-    A sister ship's coefficients, but for one that a table states and that no factor tau changes:
+    Coefficients of a sister ship, one of them from a table (no factor tau):
 
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
@@ -185,7 +159,7 @@ def coefficient_prior(
     else:
         scale = np.full(typical.size, np.inf)
     tuned = np.isfinite(scale)
-    for name, (center, sd) in (_stated(vessel) | dict(table or {})).items():
+    for name, (center, sd) in (_vessel_file_priors(vessel) | dict(table or {})).items():
         if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
             raise InferenceError(
                 f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "
@@ -196,7 +170,7 @@ def coefficient_prior(
     return CoefficientPrior(mean, scale, unit, tuned, kind)
 
 
-def _stated(vessel: Vessel) -> dict[str, tuple[float, float]]:
-    """Mean and sd of the coefficients that the vessel file knows beforehand."""
+def _vessel_file_priors(vessel: Vessel) -> dict[str, tuple[float, float]]:
+    """Mean and sd of the coefficients that have an ``sd`` in the vessel file."""
     every = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
     return {c.name: (c.value, c.sd) for c in every if c.sd > 0.0}

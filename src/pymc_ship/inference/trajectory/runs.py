@@ -1,8 +1,4 @@
-"""Trials as a trajectory likelihood sees them: a known rudder, block means of the raw channels, a noise model of each.
-
-Nothing is differentiated or smoothed. The samples of a block of about 0.2 s are averaged, those of the simulated motion
-alike, which loses next to nothing (the ship moves on scales of many seconds) and makes the fit ten times faster.
-"""
+"""Trial as arrays of the trajectory likelihood: inputs, block means of raw channels and sample noise."""
 
 from __future__ import annotations
 
@@ -23,13 +19,13 @@ from pymc_ship.trial.channels import CHANNELS, channel_names, default_channels
 from pymc_ship.trial.record import as_trial, check_trial, sampling_interval, second_difference_sd
 
 BLOCK = 0.2
-"""Samples closer than this interval [s] are averaged over it."""
+"""Length of a block [s]; faster samples are averaged over it."""
 
 LONGEST_STEP = 0.1
-"""Integration steps are at most this long [s]."""
+"""Longest integration step [s]."""
 
 FEWEST_BLOCKS = 20
-"""Blocks that a record must have."""
+"""Least number of blocks of a record."""
 
 
 @dataclass(frozen=True)
@@ -38,29 +34,18 @@ class Run:
 
     Attributes
     ----------
-    channels : tuple of str
-        Channels measured, of the states u, v, r, p, phi, psi, x, y.
-    samples : ndarray, shape (n_channels, n_time)
-        Raw values, SI units and rad.
-    inputs : ndarray, shape (4, n_time)
-        Rudder, revolutions and wind as the equations of motion take them, without error.
-    start, interval : float
-        Time of the first sample and sampling interval [s].
-    block : int
-        Samples averaged into one.
+    channels : tuple of str; measured channels, of u, v, r, p, phi, psi, x, y
+    samples : ndarray, shape (n_channels, n_time); raw values, SI units and rad
+    inputs : ndarray, shape (4, n_time); rudder, revolutions and wind of the equations of motion, without error
+    start, interval : float; time of the first sample and sampling interval [s]
+    block : int; samples in a block
     method : {"euler", "rk4"}
-    substeps : int
-        Integration steps for each sampling interval.
-    sample_sd : ndarray, shape (n_channels,)
-        Standard deviation of the noise of one sample: given, or from second differences.
-    nominal_speed : float
-        First guess of u where it is not measured [m/s].
-    rolls : bool
-        Whether the vessel rolls; p and phi of one that does not are held at 0.
-    heads : bool
-        Whether forces depend on the heading, which is then a state.
-    restart : tuple of two ndarray of shape (n_states,), optional
-        State the run begins with and the sd of its prior, where more is known of it than the first samples say.
+    substeps : int; integration steps in a sampling interval
+    sample_sd : ndarray, shape (n_channels,); noise sd of one sample
+    nominal_speed : float; first guess of u where it is not measured [m/s]
+    rolls : bool; whether the vessel rolls, otherwise p = phi = 0
+    heads : bool; whether forces depend on the heading, which is then a state
+    restart : tuple of two ndarray of shape (n_states,), optional; mean and sd of the prior of the initial state
     """
 
     channels: tuple[str, ...]
@@ -79,7 +64,7 @@ class Run:
 
     @property
     def n_states(self) -> int:
-        """States to integrate: 5, or 6 with the heading, or 8 with the track."""
+        """Number of states: 5, or 6 with heading, or 8 with track."""
         last = max(self.rows)
         return 8 if last > 5 else 6 if last == 5 or self.heads else 5
 
@@ -90,12 +75,12 @@ class Run:
 
     @property
     def integration(self) -> dict:
-        """Settings of a replay and of the sensitivities along the rudder of this run."""
+        """Arguments of ``replay`` and ``sensitivities``."""
         return {"interval": self.interval, "method": self.method, "substeps": self.substeps}
 
     @property
     def n_blocks(self) -> int:
-        """Whole blocks of the record."""
+        """Number of whole blocks."""
         return self.inputs.shape[1] // self.block
 
     @cached_property
@@ -115,10 +100,10 @@ class Run:
 
     @cached_property
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """First guess of the initial state and the sd of its (weak) prior, each of shape (n_states,).
+        """Mean and sd of the weak prior of the initial state, each (n_states,).
 
-        A measured state starts from a straight line through its first two seconds, with an sd of the channel's range;
-        one that is not measured from 0, u from the nominal speed, with an sd of its size in hard manoeuvring.
+        Measured: a line through the first two seconds, sd the range of the channel. Unmeasured: 0 (u: nominal speed),
+        sd its size in hard manoeuvring.
         """
         if self.restart is not None:
             return self.restart
@@ -141,7 +126,7 @@ def trajectory_run(
     noise_sd: Mapping[str, float] | None = None,
     method: str = "rk4",
 ) -> Run:
-    """Prepare a trial for the trajectory likelihood.
+    """Run of a trial, for the trajectory likelihood.
 
     Parameters
     ----------
@@ -167,17 +152,17 @@ def trajectory_run(
         channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
     """
     trial = as_trial(trial)
-    wanted = tuple(channels) if channels is not None else tuple(name for name in default_channels() if name in trial)
+    names = tuple(channels) if channels is not None else tuple(name for name in default_channels() if name in trial)
     if "roll" not in vessel.dofs:
         rolling = channel_names(lambda channel: channel.rolling)
-        wanted = tuple(name for name in wanted if name not in rolling)
-    unknown = [name for name in (*wanted, *(noise_sd or {})) if name not in STATE]
-    if unknown or not wanted or len(set(wanted)) < len(wanted) or method not in METHODS:
+        names = tuple(name for name in names if name not in rolling)
+    unknown = [name for name in (*names, *(noise_sd or {})) if name not in STATE]
+    if unknown or not names or len(set(names)) < len(names) or method not in METHODS:
         raise TrialError(
             f"A trajectory is fitted to some of {', '.join(STATE)}, each once, with {' or '.join(METHODS)}, found "
-            f"{', '.join(unknown or wanted) or 'no channel'} with {method}; correct them."
+            f"{', '.join(unknown or names) or 'no channel'} with {method}; correct them."
         )
-    check_trial(trial, (*wanted, "delta"))
+    check_trial(trial, (*names, "delta"))
     interval = sampling_interval(trial)
     block = max(1, round(BLOCK / interval))
     if trial["time"].size < FEWEST_BLOCKS * block:
@@ -185,9 +170,9 @@ def trajectory_run(
             f"A trajectory is fitted to {FEWEST_BLOCKS * block} samples or more at {interval:g} s, found "
             f"{trial['time'].size}; use a longer record."
         )
-    samples = np.array([np.unwrap(trial[name]) if name == "psi" else trial[name] for name in wanted], dtype=float)
+    samples = np.array([np.unwrap(trial[name]) if name == "psi" else trial[name] for name in names], dtype=float)
     return Run(
-        channels=wanted,
+        channels=names,
         samples=samples,
         inputs=recorded_inputs(trial, vessel),
         start=float(trial["time"].values[0]),
@@ -195,7 +180,7 @@ def trajectory_run(
         block=block,
         method=method,
         substeps=int(np.ceil(interval / LONGEST_STEP - 1e-9)),
-        sample_sd=_sample_sd(wanted, samples, noise_sd or {}),
+        sample_sd=_sample_sd(names, samples, noise_sd or {}),
         nominal_speed=vessel.particulars.nominal_speed,
         rolls="roll" in vessel.dofs,
         heads=bool({WIND.name, CURRENT.name} & set(vessel.parts)),
@@ -209,13 +194,13 @@ def _sample_sd(channels: tuple[str, ...], samples: np.ndarray, given: Mapping[st
         if not 0.0 < sd[row] < np.inf:
             raise TrialError(
                 f"The noise of channel {name} needs a positive standard deviation, found {sd[row]:g}; give it in "
-                "noise_sd (a channel without any noise has none to estimate)."
+                "noise_sd (a channel without noise has no sd to estimate)."
             )
     return sd
 
 
 def whiten(values: np.ndarray, sd: float, correlation: float) -> np.ndarray:
-    """Divide rows by their sd and take out a first-order autocorrelation along the first axis."""
+    """Values divided by their sd, without first-order autocorrelation along the first axis."""
     if correlation == 0.0:
         return values / sd
     innovation = np.sqrt(1.0 - correlation**2)

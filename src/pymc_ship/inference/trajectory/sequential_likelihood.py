@@ -1,7 +1,4 @@
-"""Likelihood of earlier runs as a Gaussian likelihood of the coefficients, for fits to later runs.
-
-The log likelihood of the windows of a fit is replaced by its quadratic about the mode, without the constants of runs.
-"""
+"""Gaussian likelihood of earlier runs (quadratic about the mode of a fit to windows), for fits to later runs."""
 
 from __future__ import annotations
 
@@ -26,14 +23,10 @@ class EarlierLikelihood:
 
     Attributes
     ----------
-    names : tuple of str
-        Names of the coefficients.
+    names : tuple of str; coefficients
     gaussian : GaussianLikelihood
-        Likelihood of the coefficients by these runs.
-    log_density : ndarray, shape (n_runs,)
-        Log predictive density of each of these runs, held out.
-    prior_mean, prior_scale : ndarray, shape (n_coefficients,)
-        Of the prior in the fit to these runs.
+    log_density : ndarray, shape (n_runs,); log predictive density of each run, held out
+    prior_mean, prior_scale : ndarray, shape (n_coefficients,); prior of the fit
     """
 
     names: tuple[str, ...]
@@ -62,15 +55,7 @@ class EarlierLikelihood:
         return GaussianLikelihood(reordered, self.gaussian.response)
 
     def at_draught(self, names: Sequence[str], prior: CoefficientPrior) -> EarlierLikelihood:
-        """Likelihood of the ship at another draught: each coefficient as many prior sd from its prior mean as before.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Names of the coefficients of the prior.
-        prior : CoefficientPrior
-            Prior at the other draught.
-        """
+        """Likelihood at another draught with this prior of ``names``: equal standardised distances from the prior."""
         mean, scale = self.prior_mean.copy(), self.prior_scale.copy()
         for k, name in enumerate(self.names):
             if name in names:
@@ -82,7 +67,7 @@ class EarlierLikelihood:
 
 
 def window_likelihood(fit: WindowFit, prior: CoefficientPrior, inflation: float = 1.0) -> GaussianLikelihood:
-    """Gaussian likelihood of the coefficients by the windows of a fit.
+    """Gaussian likelihood of the coefficients by the windows of a fit, without the constants of runs.
 
     Parameters
     ----------
@@ -91,11 +76,6 @@ def window_likelihood(fit: WindowFit, prior: CoefficientPrior, inflation: float 
         Prior of the fit, with a finite scale of every coefficient.
     inflation : float, optional
         Factor on the standard deviations, 1 or more.
-
-    Returns
-    -------
-    GaussianLikelihood
-        Without the constants of runs, which other runs do not share.
     """
     scale, other = prior.scale, prior.likelihood_or_flat
     prior_information = np.diag(scale**-2.0) + other.design.T @ other.design

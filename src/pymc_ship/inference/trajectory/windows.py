@@ -1,14 +1,7 @@
-"""Fits a model to many short windows of several runs; each window is restarted from its own initial state.
+"""Fit of a model to short windows of several runs, each simulated from its own initial state.
 
-Over a whole run the small errors of a model of a real ship add up until they say nothing about its coefficients; a
-course-unstable ship runs away from its own record. Over windows of five ship lengths the model is judged by what a
-forecast needs, its motion, and no window can hide behind another's errors. The initial state of each window is a
-nuisance; the noise of a channel is what the windows leave of it. Those residuals are model error, the same for seconds
-on end: beside the prior the windows count for as much as the scatter of their gradients says (Ribatet, Cooley &
-Davison 2012, doi:10.5705/ss.2009.248), and the covariance is that of those gradients (sandwich estimator).
-
-The prior of each coefficient is Student's t: where the records contradict it, it gives way, and no other coefficient
-has to make up for it.
+Residuals of a window are serially correlated model error: the likelihood of the windows is divided by a design effect
+(Ribatet, Cooley & Davison 2012, doi:10.5705/ss.2009.248). The prior is Student's t, the covariance a sandwich.
 """
 
 from __future__ import annotations
@@ -35,58 +28,54 @@ from pymc_ship.trial.channels import CHANNELS, default_channels
 from pymc_ship.trial.record import sampling_interval
 
 LENGTH = 5.0
-"""Length of a window in L/U_nom, which is about the ship lengths it covers."""
+"""Length of a window [L/U_nom]."""
 
 SAMPLES = 50
-"""Samples in L/U_nom; a faster record is averaged over so many."""
+"""Samples in L/U_nom; means of faster records are taken."""
 
 HEADING = STATE.index("psi")
 
-_BLOCKS = 30  # in L/U, of the comparison
-_STEPS = 60  # in L/U, of the integration at least
-_SMOOTHED = 0.5  # L/U, under which a local cubic gives the state a window restarts from
-_SMOOTHING = 4.0 / np.sqrt(_SMOOTHED)  # error of that at the end of a record, for a scatter of 1 and 1 sample in L/U
-_FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # by unit: of the speed, of U/L, or rad
-_CHANGE = 1e-2  # of the log posterior: no step for less
-_EXACT = 1e-3  # of the first sd: a simulated record without errors leaves no less
+_BLOCKS = 30  # blocks compared in L/U
+_STEPS = 60  # least integration steps in L/U
+_SMOOTHED = 0.5  # L/U, length of the local cubic for the initial state of a window
+_SMOOTHING = 4.0 / np.sqrt(_SMOOTHED)  # its sd at the end of a record, for unit noise and 1 sample in L/U
+_FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # initial sd by unit: fraction of U, of U/L, or rad
+_CHANGE = 1e-2  # convergence of the log posterior
+_LEAST_SD = 1e-3  # least sd as a fraction of _FIRST_SD
 _PASSES = 10
-_SETTLED = 0.03
+_CONVERGED = 0.03
 
 
 @dataclass(frozen=True)
 class Window:
-    """A window as a run of a trajectory fit, and the number of the trial that it is a piece of."""
+    """Window as a run of a trajectory fit, with the number of its trial."""
 
     run: Run
     trial: int = 0
 
     @property
     def state(self) -> np.ndarray:
-        """State it restarts from, that of the smoothed record, (n_states,)."""
+        """Initial state by the smoothed record, (n_states,)."""
         return self.run.initial_state[0]
 
 
 @dataclass(frozen=True)
 class WindowFit:
-    """Coefficients that fit windows of several runs.
+    """Coefficients fitted to windows of several runs.
 
     Attributes
     ----------
     vessel : Vessel
     coefficients : ndarray, shape (n_coefficients,)
     from_windows, from_prior : ndarray, shape (n_coefficients, n_coefficients)
-        Parts of the covariance: the scatter of the estimate over windows like these, with the model error that differs
-        between them, and what the prior leaves open.
+        Parts of the covariance: scatter of the gradients of the windows, and uncertainty of the prior.
     information : ndarray, shape (n_coefficients, n_coefficients)
-        Curvature of the negative log posterior, the initial states profiled out.
-    channel_sd : dict of str to float
-        Root mean square that the windows leave of each channel, SI.
-    design_effect : float
-        How many times less the windows count beside the prior than residuals independent of each other would.
+        Curvature of the negative log posterior with initial states profiled out.
+    channel_sd : dict of str to float; root mean square residual of each channel, SI
+    design_effect : float; variance of the gradients of windows over that of independent residuals
     n_windows : int
     mode : TrajectoryFit or None
-        The fit itself, from which draws are carried on, with the normal priors that stand for Student's t; None where
-        the law stands for no windows.
+        The fit with the normal priors equivalent to Student's t; None for a normal law without windows.
     """
 
     vessel: Vessel
@@ -101,37 +90,33 @@ class WindowFit:
 
     @property
     def prior(self) -> CoefficientPrior:
-        """Prior of the fit, with the normal priors that stand for Student's t."""
+        """Prior of the fit: the normal prior equivalent to Student's t."""
         if self.mode is None:
-            raise ValueError("A law has a prior where it stands for windows, found none; fit windows.")
+            raise ValueError(
+                "The prior is known for a fit to windows, found a normal law without windows; use fit_windows."
+            )
         return self.mode.problem.prior
 
     @property
-    def spread(self) -> dict[str, float]:
-        """Spread under which the windows count, by channel, SI: what they leave times the root of the dispersion."""
+    def effective_sd(self) -> dict[str, float]:
+        """Sd of the likelihood of each channel, SI: root mean square residual times the root of the design effect."""
         return {name: sd * float(np.sqrt(self.design_effect)) for name, sd in self.channel_sd.items()}
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of the coefficients, both parts together."""
+        """Covariance of the coefficients: sum of both parts."""
         return self.from_windows + self.from_prior
 
 
-def thinned(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
-    """Record of a trial at :data:`SAMPLES` in L/U_nom, by means of samples; as it is where it is slower.
-
-    Raises
-    ------
-    TrialError
-        For a record shorter than one window.
-    """
+def thin_record(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
+    """Record of a trial averaged to :data:`SAMPLES` in L/U_nom; TrialError if shorter than half a window."""
     unit, step = vessel.particulars.ship_time, sampling_interval(trial)
     count = max(int(unit / SAMPLES / step + 1e-6), 1)
     size = round(LENGTH * unit / (count * step))
     if trial["time"].size // count < max(size // 2, 1):
         raise TrialError(
             f"A run to identify a ship from lasts half a window of {LENGTH:g} L/U = {LENGTH * unit:.3g} s at least, "
-            f"found {trial['time'].size * step:.3g} s; use a longer one."
+            f"found {trial['time'].size * step:.3g} s; use a longer run."
         )
     for name in ("psi", "wind_direction"):
         if name in trial:
@@ -140,7 +125,7 @@ def thinned(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
 
 
 def window_records(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
-    """Windows of a thinned record, one after the other; a rest of half a window or more is one, too."""
+    """Consecutive windows of a thinned record; a remainder of half a window or more is also one."""
     unit = vessel.particulars.ship_time
     size = round(LENGTH * unit / sampling_interval(trial))
     begins = range(0, trial["time"].size - size // 2 + 1, size)
@@ -148,7 +133,7 @@ def window_records(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
 
 
 def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list[Window]:
-    """Windows of a thinned record, the trial of this number, for the fit and the score of a vessel's model."""
+    """Windows of a thinned record, which is trial ``number``, for fits and scores."""
     unit, step = vessel.particulars.ship_time, sampling_interval(trial)
     channels = default_channels(rolling="roll" in vessel.dofs)
     size = {"m/s": vessel.particulars.nominal_speed, "rad/s": 1.0 / unit, "rad": 1.0}
@@ -159,36 +144,33 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list
     scatter = {name: _SMOOTHING / np.sqrt(unit / step) * np.std(trial[name] - smooth[name]) for name in channels}
     inputs = xr.DataArray(recorded_inputs(trial, vessel), dims=("input", "time"))
     smooth = smooth.assign(inputs=inputs)
-    found = []
-    for window, start in zip(window_records(trial, vessel), window_records(smooth, vessel), strict=True):
-        run = trajectory_run(window, vessel, channels=channels, noise_sd=sd)
+    windows = []
+    for record, start in zip(window_records(trial, vessel), window_records(smooth, vessel), strict=True):
+        run = trajectory_run(record, vessel, channels=channels, noise_sd=sd)
         run = replace(run, inputs=np.ascontiguousarray(start["inputs"].values), block=block, substeps=substeps)
         state, spread = (values.copy() for values in run.initial_state)
         state[list(run.rows)] = [start[name].values[0] for name in channels]
         spread[list(run.rows)] = [np.hypot(sd[name], scatter[name]) for name in channels]
         if run.heads:
             state[HEADING], spread[HEADING] = start["psi"].values[0], _FIRST_SD["rad"]
-        found.append(Window(replace(run, restart=(state, spread)), number))
-    return found
+        windows.append(Window(replace(run, restart=(state, spread)), number))
+    return windows
 
 
 def substeps_of(step: float, vessel: Vessel) -> int:
-    """Steps of the integration in a sampling interval [s] of a record."""
+    """Integration steps in a sampling interval ``step`` [s]."""
     return int(np.ceil(_STEPS * step / vessel.particulars.ship_time))
 
 
-def restarted(window: Window, vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
-    """Misfit of a window restarted from its measured state: record minus simulation, shape (n_channels, n_blocks).
-
-    NaN where the ship left the model's range.
-    """
+def window_misfit(window: Window, vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
+    """Record minus simulation of a window from its initial state, (n_channels, n_blocks); NaN where it diverges."""
     run = window.run
     motion = replay(vessel, run.inputs, window.state, coefficients, block=run.block, **run.integration)
     return run.means - motion[list(run.rows), 0]
 
 
 def smoothed_channel(values: np.ndarray, unit: float) -> np.ndarray:
-    """Channel smoothed by a local cubic over half an L/U, which is ``unit`` samples."""
+    """Channel smoothed by a local cubic over half an L/U; ``unit`` is the samples in L/U."""
     size = max(round(_SMOOTHED * unit) | 1, 5)
     return savgol_filter(values, size, 3) if size <= values.size else values
 
@@ -200,7 +182,7 @@ def fit_windows(
     start: np.ndarray,
     sd: dict[str, float] | None = None,
 ) -> WindowFit:
-    """Fit coefficients to windows, whose noise is what they leave of each channel times the dispersion of windows.
+    """Fit coefficients to windows; the sd of each channel is that of the residuals times the root of the design effect.
 
     Parameters
     ----------
@@ -208,10 +190,10 @@ def fit_windows(
         From :func:`prepared_windows`, of one or many trials; all have the same channels.
     vessel : Vessel
     prior : CoefficientPrior
-        Scales of Student's t, taken as stated: they are not tuned.
+        Scales of Student's t; they are not tuned.
     start : ndarray, shape (n_coefficients,)
     sd : dict of str to float, optional
-        First guess of the spread under which windows count, by channel, SI; by default what the start leaves of them.
+        First guess of the likelihood sd by channel, SI; default: root mean square residual at the start.
 
     Returns
     -------
@@ -220,9 +202,9 @@ def fit_windows(
     Raises
     ------
     FitError
-        When the start leaves the model's range or no minimum is found.
+        When the start diverges or no minimum is reached.
     """
-    fit, noise_sd, design_effect = _settled(windows, vessel, prior, start, sd)
+    fit, noise_sd, design_effect = _iterated_fit(windows, vessel, prior, start, sd)
     from_windows, from_prior = _sandwich(fit)
     return WindowFit(
         vessel=vessel,
@@ -240,31 +222,33 @@ def fit_windows(
 def window_mode(
     windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, start: np.ndarray
 ) -> TrajectoryMode:
-    """Mode of windows under the spread with which they count, for draws by the normal approximation and by NUTS.
+    """Mode of the likelihood of windows with its design effect and the prior, for Laplace and NUTS draws.
 
-    Parameters and errors as :func:`fit_windows`. The sandwich is not in it: draws are those of prior and likelihood.
+    Parameters and errors as :func:`fit_windows`; without the sandwich covariance.
     """
-    fit, _, design_effect = _settled(windows, vessel, prior, start)
-    sentence = f"what the windows leave of each channel, times the root of their dispersion {design_effect:.3g}"
+    fit, _, design_effect = _iterated_fit(windows, vessel, prior, start)
+    sentence = (
+        f"Noise sd: root mean square residual of each channel times the root of the design effect {design_effect:.3g}."
+    )
     return TrajectoryMode(NoiseChoice(fit, "white", False, np.inf, residual_tests(fit), sentence), 1, 1, {})
 
 
-def _settled(
+def _iterated_fit(
     windows: Sequence[Window],
     vessel: Vessel,
     prior: CoefficientPrior,
     start: np.ndarray,
     sd: dict[str, float] | None = None,
 ) -> tuple[TrajectoryFit, np.ndarray, float]:
-    """Fit, what the windows leave of each channel (n_channels,) and their dispersion, in turns with the prior."""
+    """Fit, root mean square residual of each channel (n_channels,) and design effect, iterated to convergence."""
     runs = [window.run for window in windows]
-    stated = replace(prior, tuned=np.zeros_like(prior.tuned))
-    sailed = np.unique([window.trial for window in windows], return_inverse=True)[1]
-    problem = replace(initial_problem(runs, vessel, stated), sailed=tuple(sailed.tolist()))
+    fixed_prior = replace(prior, tuned=np.zeros_like(prior.tuned))
+    trial_indices = np.unique([window.trial for window in windows], return_inverse=True)[1]
+    problem = replace(initial_problem(runs, vessel, fixed_prior), trial_indices=tuple(trial_indices.tolist()))
     constants = problem.center[problem.n_coefficients : problem.n_shared]
     unknowns = np.concatenate([start, constants, *(window.state for window in windows)])
-    least = _EXACT * runs[0].sample_sd
-    spread = np.array([sd[name] for name in runs[0].channels]) if sd else _left_by(windows, vessel, start)
+    least = _LEAST_SD * runs[0].sample_sd
+    spread = np.array([sd[name] for name in runs[0].channels]) if sd else _rms_residual(windows, vessel, start)
     spread = np.maximum(spread, least)
     for _ in range(_PASSES):
         fit = fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE)
@@ -272,33 +256,29 @@ def _settled(
         noise_sd = np.maximum(spread * np.sqrt(square / sum(run.n_blocks for run in runs)), least)
         design_effect = max(_design_effect(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
         ratio, unknowns = noise_sd * np.sqrt(design_effect) / spread, fit.unknowns
-        robust = stated.as_normal_at(fit.coefficients, fit.sd)
+        robust = fixed_prior.as_normal_at(fit.coefficients, fit.sd)
         changes = np.log(np.r_[ratio, robust.scale / problem.prior.scale])
-        if np.max(np.abs(changes)) < _SETTLED:
+        if np.max(np.abs(changes)) < _CONVERGED:
             break
         problem, spread = replace(problem, prior=robust), spread * ratio
     return fit, noise_sd, design_effect
 
 
-def _left_by(windows: Sequence[Window], vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
-    """Root mean square that coefficients leave of each channel in the windows that stay in the model's range."""
-    square = np.array([np.mean(restarted(window, vessel, coefficients) ** 2, axis=1) for window in windows])
-    stayed = np.isfinite(square).all(axis=1)
-    return np.sqrt(np.mean(square[stayed], axis=0)) if stayed.any() else windows[0].run.sample_sd
+def _rms_residual(windows: Sequence[Window], vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
+    """Root mean square residual of each channel over the windows that do not diverge."""
+    square = np.array([np.mean(window_misfit(window, vessel, coefficients) ** 2, axis=1) for window in windows])
+    finite = np.isfinite(square).all(axis=1)
+    return np.sqrt(np.mean(square[finite], axis=0)) if finite.any() else windows[0].run.sample_sd
 
 
 def _with_noise(problem: Problem, sd: np.ndarray) -> Problem:
-    """Problem with white noise of an sd for each channel."""
+    """Problem with white noise of a given sd of each channel."""
     noise = tuple(Noise(sd, np.zeros(sd.size), offsets=False, values=run.means) for run in problem.runs)
     return replace(problem, noise=noise)
 
 
 def _design_effect(fit: TrajectoryFit) -> float:
-    """Variance of the gradients of whole windows over that of residuals independent of each other.
-
-    The mean over the directions in which the windows, not the prior, determine the coefficients: tr(C G) / tr(C H),
-    with G the sum of squared gradients and H = C^-1 - P the curvature that is the windows' own.
-    """
+    """Design effect tr(C G) / (n - tr(C P)); G squared gradients of windows, P prior precision, C covariance."""
     C, G, P = _shared_covariance(fit), _squared_gradients(fit), _prior_precision(fit)
     return float(np.trace(C @ G) / (len(C) - np.trace(C @ P)))
 
@@ -310,11 +290,7 @@ def _shared_covariance(fit: TrajectoryFit) -> np.ndarray:
 
 
 def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
-    """Parts C G C and C P C of the covariance: G the sum of squared gradients of the windows, P prior precision.
-
-    White (1982), doi:10.2307/1912526, with windows as clusters and the prior as one more observation; C is the
-    posterior covariance that residuals independent of each other would give.
-    """
+    """Parts C G C and C P C of the sandwich covariance (White 1982, doi:10.2307/1912526); windows are clusters."""
     C, n = _shared_covariance(fit), fit.problem.n_coefficients
     parts = ((C @ middle @ C)[:n, :n] for middle in (_squared_gradients(fit), _prior_precision(fit)))
     from_windows, from_prior = (0.5 * (part + part.T) for part in parts)
@@ -324,19 +300,19 @@ def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
-    """Prior precision of the unknowns that runs share, what other data state included, (n_shared, n_shared)."""
+    """Precision of the shared unknowns by the prior and the likelihood of other data, (n_shared, n_shared)."""
     n = fit.problem.n_shared
     rows = fit.problem.likelihood_design[:, :n]
     return np.diag(fit.problem.precision[:n] / fit.problem.unit[:n] ** 2) + rows.T @ rows
 
 
 def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
-    """Sum over windows of g g', g the gradient of a window's log likelihood, times n / (n - 1) of n windows."""
+    """Sum over windows of g g' times n / (n - 1), g the gradient of a window's log likelihood."""
     problem: Problem = fit.problem
     n, gradients = problem.n_coefficients, []
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
-    for run, noise, columns, place in pieces:
-        rows = run_rows(problem.vessel, run, noise, fit.unknowns[columns], fit.unknowns[place])
+    for run, noise, columns, nuisance_slice in pieces:
+        rows = run_rows(problem.vessel, run, noise, fit.unknowns[columns], fit.unknowns[nuisance_slice])
         gradient = np.zeros(problem.n_shared)
         gradient[columns] = sum(design[:, :n].T @ misfit for misfit, design in rows)
         gradients.append(gradient)
@@ -345,28 +321,27 @@ def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
 
 
 def with_constants(windows: Sequence[Window], fit: WindowFit) -> np.ndarray:
-    """Coefficients of a fit with the constants of a trial, such as its current, that windows of it call for.
+    """Coefficients of a fit, with the constants of one trial (such as its current) fitted to its windows.
 
     Parameters
     ----------
     windows : sequence of Window
         Of one trial.
     fit : WindowFit
-        Its other coefficients stay.
 
     Returns
     -------
     ndarray, shape (n_coefficients,)
-        Those of the fit where the vessel has no such constants, or none are found.
+        Those of the fit where the vessel has no such constants, or their fit fails.
     """
     own = per_run_indices(fit.vessel)
     if not own:
         return fit.coefficients
     scale = np.full(fit.coefficients.size, FIXED_SD)
     scale[own] = [parameter.sd for parameter in fit.vessel.parameters if parameter.per_run]
-    held = CoefficientPrior(fit.coefficients, scale, scale, np.zeros(scale.size, dtype=bool), "held")
-    problem = initial_problem([window.run for window in windows], fit.vessel, held)
-    spread = np.array(list(fit.spread.values()))
+    fixed_others = CoefficientPrior(fit.coefficients, scale, scale, np.zeros(scale.size, dtype=bool), "fixed")
+    problem = initial_problem([window.run for window in windows], fit.vessel, fixed_others)
+    spread = np.array(list(fit.effective_sd.values()))
     unknowns = np.concatenate([fit.coefficients, *(window.state for window in windows)])
     try:
         return fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE).coefficients
@@ -374,20 +349,13 @@ def with_constants(windows: Sequence[Window], fit: WindowFit) -> np.ndarray:
         return fit.coefficients
 
 
-def widened(fit: WindowFit, factor: float) -> WindowFit:
-    """Fit whose covariance from the windows is multiplied by a factor.
-
-    The part of the covariance that comes from the prior stays.
-    """
+def inflate_covariance(fit: WindowFit, factor: float) -> WindowFit:
+    """Fit with the sd from the windows multiplied by a factor; the part from the prior stays."""
     return replace(fit, from_windows=factor**2 * fit.from_windows)
 
 
 def normal_draws(fit: WindowFit, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draws (count, n_coefficients) from the normal law of a fit.
-
-    They are standard normal numbers times the symmetric root of the correlations, which changes no more than the
-    covariance does; eigenvectors or a triangular root would depend on units, order or the last digit.
-    """
+    """Draws (count, n_coefficients) from the normal approximation, by the symmetric root of the correlation matrix."""
     sd = np.sqrt(np.diag(fit.covariance))
     unit = np.where(sd > 0.0, sd, 1.0)
     values, vectors = np.linalg.eigh(fit.covariance / np.outer(unit, unit))

@@ -26,7 +26,7 @@ from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.ensemble.draws import knowing_models, thinned_draws
+from pymc_ship.ships.ensemble.draws import suitable_models, thinned_draws
 from pymc_ship.ships.ensemble.index_error import equivalent_sd, error_sizes, model_error, readings_noise, steady_error
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.motion_error import SIZES, motion_error
@@ -158,7 +158,7 @@ def design(
             f"step and two draws or more; found {list(labelled)}, {[one.label for one in interest]}, {n} and {draws}; "
             "correct them."
         )
-    models = thinned_draws(knowing_models(ship.models, wind=wind), draws)
+    models = thinned_draws(suitable_models(ship.models, wind=wind), draws)
     sailed: dict[tuple[Manoeuvre, bool], _Run] = {}
 
     def run_of(manoeuvre: Manoeuvre, *, windy: bool) -> _Run:
@@ -236,8 +236,8 @@ class _Design:
             return np.empty((0, SIZES))
         middle = run.indices[list(names)].median("draw", keep_attrs=True).expand_dims(draw=SIZES)
         beyond = float(np.nanmax(extrapolation(self.vessel, self._sailed(run), motion)["distance"]))
-        place = (np.arange(SIZES) + 0.5) / SIZES
-        sizes = error_sizes(middle, self.errors, self.vessel, beyond=beyond, place=place)
+        quantile = (np.arange(SIZES) + 0.5) / SIZES
+        sizes = error_sizes(middle, self.errors, self.vessel, beyond=beyond, quantile=quantile)
         return np.array([sizes[name] for name in names])
 
     def _sailed(self, run: _Run) -> xr.Dataset:

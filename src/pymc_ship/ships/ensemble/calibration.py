@@ -1,7 +1,4 @@
-"""Constants of the model error that other ships than the user's have chosen, with where each comes from.
-
-``calibration.toml`` beside this file holds them; ``studies/population`` writes it.
-"""
+"""Constants of the model error, calibrated on other ships; ``studies/population`` writes ``calibration.toml``."""
 
 from __future__ import annotations
 
@@ -19,23 +16,16 @@ FILE = Path(__file__).with_suffix(".toml")
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant that a study chose.
+    """A calibrated constant.
 
     Attributes
     ----------
-    about : str
-        What it is.
-    unit : str
-    value : int, float or mapping of str to float
-        By kind of index or by state where there is one for each.
-    study : str
-        The ships that chose it.
-    seeds : tuple of int
-        Roots of their random numbers; empty where none is known.
-    commit : str
-        Of this package, which has the value for the first time.
-    date : date
-        Of the commit.
+    about, unit : str
+    value : int, float or mapping of str to float; by kind of index or by state where there are several
+    study : str; ships of the calibration
+    seeds : tuple of int; of the study, empty if unknown
+    commit : str; first commit of this package with the value
+    date : date; of the commit
     """
 
     about: str
@@ -51,21 +41,21 @@ class Constant:
 def constants() -> Mapping[str, Constant]:
     """All constants by name, read once."""
     tables = tomllib.loads(FILE.read_text(encoding="utf-8"))
-    found = {name: Constant(**table | {"seeds": tuple(table["seeds"])}) for name, table in tables.items()}
-    return MappingProxyType(found)
+    calibration = {name: Constant(**table | {"seeds": tuple(table["seeds"])}) for name, table in tables.items()}
+    return MappingProxyType(calibration)
 
 
-def calibrated(name: str) -> float:
+def constant_value(name: str) -> float:
     """Value of a constant that is a number."""
     value = constants()[name].value
     if isinstance(value, Mapping):
-        raise TypeError(f"The constant {name} has a value for each of {', '.join(value)}; ask for calibrated_by.")
+        raise TypeError(f"The constant {name} has values by kind, found a use as one number; use constant_by_kind.")
     return value
 
 
-def calibrated_by(name: str) -> dict[str, float]:
+def constant_by_kind(name: str) -> dict[str, float]:
     """Values of a constant that has one for each kind or state."""
     value = constants()[name].value
     if not isinstance(value, Mapping):
-        raise TypeError(f"The constant {name} is one number; ask for calibrated.")
+        raise TypeError(f"The constant {name} is one number, found a request by kind; use constant_value.")
     return dict(value)

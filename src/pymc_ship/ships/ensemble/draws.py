@@ -1,4 +1,4 @@
-"""Draws of coefficients from posteriors, with the motion and the sensor noise of the fitted records; their spread."""
+"""Draws of coefficients from posteriors, with prime motion and sensor noise of the fitted records."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ def coefficient_draws(
     ----------
     vessel : Vessel
     posteriors : DataTree or mapping of str to DataTree
-        Joint posterior of the coefficients of all DOFs, or the posterior of each DOF; a DOF that a mapping leaves out
-        keeps the vessel's reference values.
+        Joint posterior of the coefficients of all DOFs, or the posterior of each DOF; a DOF without one
+        has the vessel's reference values.
     draws : int
     rng : numpy.random.Generator
     group : {"posterior", "prior"}, optional
-        Group of the trees that holds the draws.
+        Group of the trees.
 
     Returns
     -------
     ndarray, shape (draws, n_coefficients)
-        DOFs one after the other in the vessel's order; drawn without repetition where a posterior has enough draws.
-        The rows of a joint posterior stay whole; DOFs with posteriors of their own are independent.
+        DOFs in the vessel's order; without replacement where a posterior has enough draws. Rows of a joint posterior
+        are whole draws; posteriors of single DOFs are independent.
 
     Raises
     ------
     VesselError
-        For a DOF the vessel does not have or a posterior that lacks one of the coefficients it is to have.
+        For an unknown DOF or a posterior without one of the coefficients.
     """
     if not isinstance(posteriors, Mapping) or not all(isinstance(tree, xr.DataTree) for tree in _trees(posteriors)):
         raise VesselError(
@@ -51,7 +51,7 @@ def coefficient_draws(
             "give a DataTree, or DataTrees under the names of the DOFs."
         )
     if isinstance(posteriors, xr.DataTree):
-        return _rows(
+        return _coefficient_rows(
             posteriors[group].dataset,
             coefficient_names(vessel),
             f"The joint {group} lacks {{}} of {vessel.name!r}",
@@ -67,7 +67,9 @@ def coefficient_draws(
         if dof in posteriors:
             lacks = f"The {dof} {group} lacks {{}} of {vessel.name!r}"
             blocks.append(
-                _rows(posteriors[dof][group].dataset, reference["coefficient"].values.tolist(), lacks, draws, rng)
+                _coefficient_rows(
+                    posteriors[dof][group].dataset, reference["coefficient"].values.tolist(), lacks, draws, rng
+                )
             )
         else:
             blocks.append(np.tile(reference.values, (draws, 1)))
@@ -75,59 +77,58 @@ def coefficient_draws(
     return np.concatenate(blocks, axis=1)
 
 
-def _rows(held: xr.Dataset, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Draws of the named coefficients of one group, each row from one draw of it."""
-    sample = held["coefficients"].stack(sample=("chain", "draw"))
+def _coefficient_rows(
+    group: xr.Dataset, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Draws of the named coefficients of one group, each row one draw."""
+    sample = group["coefficients"].stack(sample=("chain", "draw"))
     lacking = sorted(set(names) - set(sample["coefficient"].values))
     if lacking:
         raise VesselError(f"{lacks.format(', '.join(lacking))}; use its own terms.")
-    chosen = rng.choice(sample.sizes["sample"], draws, replace=sample.sizes["sample"] < draws)
-    return sample.sel(coefficient=names).transpose("sample", "coefficient").values[chosen]
+    drawn_indices = rng.choice(sample.sizes["sample"], draws, replace=sample.sizes["sample"] < draws)
+    return sample.sel(coefficient=names).transpose("sample", "coefficient").values[drawn_indices]
 
 
 def thinned_draws(models: Sequence[tuple[Vessel, np.ndarray]], draws: int) -> list[tuple[Vessel, np.ndarray]]:
-    """Models with so many rows of draws at most, each its share of them and one at least."""
-    share = min(draws / sum(len(rows) for _, rows in models), 1.0)
-    return [(vessel, rows[: max(round(share * len(rows)), 1)]) for vessel, rows in models]
+    """Models with at most this number of draws in all, in proportion, and at least one of each."""
+    fraction = min(draws / sum(len(rows) for _, rows in models), 1.0)
+    return [(vessel, rows[: max(round(fraction * len(rows)), 1)]) for vessel, rows in models]
 
 
-def knowing_models(
+def suitable_models(
     models: Sequence[tuple[Vessel, np.ndarray]], *, n: float | None = None, wind: tuple[float, float] | None = None
 ) -> list[tuple[Vessel, np.ndarray]]:
-    """Models whose forces know the revolutions and the wind that are asked for; SimulationError where none does."""
-    found = [
+    """Models whose forces depend on the given revolutions and wind; SimulationError where none does."""
+    suitable = [
         (vessel, rows)
         for vessel, rows in models
         if (n is None or (vessel.modular and vessel.propeller is not None))
         and (wind is None or WIND.name in vessel.parts)
     ]
-    if not found:
-        asked = " and ".join(word for word, given in (("revolutions", n), ("wind", wind)) if given is not None)
+    if not suitable:
+        inputs = " and ".join(word for word, given in (("revolutions", n), ("wind", wind)) if given is not None)
         raise SimulationError(
-            f"No term set of this ship knows {asked}; state [propeller] and [windage] in her vessel file and identify "
-            "her anew, or leave them out."
+            f"A forecast with {inputs} needs forces that depend on {inputs}, found no such term set; give [propeller] "
+            "and [windage] in the vessel file and identify the ship again, or omit them."
         )
-    return found
+    return suitable
 
 
 def fitted_motion(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> xr.DataArray | None:
-    """Prime motion that posteriors were fitted to, dims (row, symbol).
-
-    It is ``motion`` in the group constant_data of a joint posterior or of the posterior of every DOF; None where one
-    does not hold it or where they differ.
-    """
-    found = [_constant(tree, "motion") for tree in _trees(posteriors)]
-    first = found[0] if found else None
-    return first if first is not None and all(one is not None and one.equals(first) for one in found) else None
+    """Prime motion that posteriors were fitted to, dims (row, symbol); None where missing or different."""
+    motions = [_constant(tree, "motion") for tree in _trees(posteriors)]
+    first = motions[0] if motions else None
+    return first if first is not None and all(one is not None and one.equals(first) for one in motions) else None
 
 
 def sensor_noise(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> dict[str, float]:
-    """Standard deviation of the sensor noise by channel, SI: ``noise_sd`` in constant_data of a joint posterior.
-
-    Empty where it is not held: the posterior of a DOF knows the noise of its response, not that of a sensor.
-    """
-    held = _constant(posteriors, "noise_sd") if isinstance(posteriors, xr.DataTree) else None
-    return {} if held is None else dict(zip(map(str, held["channel"].values), held.values.tolist(), strict=True))
+    """Sensor noise sd by channel [SI] of a joint posterior; empty for posteriors of single DOFs."""
+    noise_sd = _constant(posteriors, "noise_sd") if isinstance(posteriors, xr.DataTree) else None
+    return (
+        {}
+        if noise_sd is None
+        else dict(zip(map(str, noise_sd["channel"].values), noise_sd.values.tolist(), strict=True))
+    )
 
 
 def _trees(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> list[xr.DataTree]:
@@ -139,10 +140,7 @@ def _constant(tree: xr.DataTree, name: str) -> xr.DataArray | None:
 
 
 def robust_sd(values: np.ndarray) -> float:
-    """Half the width of the central 68 % of the draws that reach the event.
-
-    A few draws that run away do not change it.
-    """
+    """Half the width of the central 68 % of the finite draws, robust against diverged draws."""
     if not np.isfinite(values).any():
         return np.nan
     low, high = np.nanquantile(values, [0.16, 0.84])

@@ -1,4 +1,4 @@
-"""Whether a model is feasible: its simulation does not diverge in the manoeuvres that every ship can sail."""
+"""Feasibility of a model: its simulation does not diverge in the standard manoeuvres."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from pymc_ship.physics.vessel.term_sets import valid_at_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel
 
 FASTEST = 1.15
-"""A ship that exceeds so many times her approach speed in a zigzag or turn has run away."""
+"""Largest feasible speed in a zigzag or turn, over the approach speed."""
 
 TIGHTEST = 0.5
-"""Radius of a turn [L] below which the forces of a ship ahead mean nothing, so that she has run away."""
+"""Least feasible radius of a turn [L]."""
 
 _REACH = 60.0  # L/U, of the manoeuvres
 _STEP = 1.0 / 60.0  # L/U
@@ -31,11 +31,10 @@ def is_feasible(
     reach: float = _REACH,
     **around: Any,
 ) -> np.ndarray:
-    """Whether ships stay what a ship can be in manoeuvres.
+    """Whether draws are feasible in manoeuvres: no divergence, speed and turning radius within limits.
 
-    They stay in the model's range, never exceed :data:`FASTEST` times the approach speed (or the nominal one, which a
-    slow ship gathers) and never turn on a radius below half their length. Forces that hold at any speed may turn a ship
-    on the spot: the last rule is not for them.
+    Limits: :data:`FASTEST` times the larger of approach and nominal speed; :data:`TIGHTEST`, except for models that are
+    valid at any speed.
 
     Parameters
     ----------
@@ -43,7 +42,7 @@ def is_feasible(
     coefficients : ndarray, shape (n_draws, n_coefficients)
     manoeuvres : sequence of Manoeuvre, optional
     reach : float, optional
-        How long they last [L/U_nom].
+        Duration [L/U_nom].
     **around
         ``n``, ``wind`` and ``current`` of :func:`pymc_ship.simulate`.
 
@@ -51,15 +50,15 @@ def is_feasible(
     -------
     ndarray of bool, shape (n_draws,)
     """
-    good = np.ones(len(coefficients), dtype=bool)
+    feasible = np.ones(len(coefficients), dtype=bool)
     for manoeuvre in manoeuvres:
-        ships = _simulated(vessel, coefficients, manoeuvre, reach, **around)
-        fast, tight = _faults(vessel, manoeuvre, ships)
-        good &= ~(ships["diverged"].values | (fast | tight).any(axis=1))
-    return good
+        ships = _simulate(vessel, coefficients, manoeuvre, reach, **around)
+        fast, tight = _exceedances(vessel, manoeuvre, ships)
+        feasible &= ~(ships["diverged"].values | (fast | tight).any(axis=1))
+    return feasible
 
 
-def _simulated(
+def _simulate(
     vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, reach: float, **around: Any
 ) -> xr.Dataset:
     unit = vessel.particulars.ship_time
@@ -67,8 +66,8 @@ def _simulated(
     return simulate(vessel, manoeuvre, duration=duration, step=step, method="rk4", coefficients=coefficients, **around)
 
 
-def _faults(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each ship is too fast and turns too tightly at each time, (n_draws, n_time)."""
+def _exceedances(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Whether speed and turning radius of each draw are outside the limits at each time, (n_draws, n_time)."""
     L, U = vessel.particulars.L, vessel.particulars.nominal_speed
     speed = np.hypot(ships["u"].values, ships["v"].values)
     with np.errstate(invalid="ignore"):
@@ -79,7 +78,7 @@ def _faults(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np
 
 @dataclass(frozen=True)
 class Failure:
-    """Where a ship runs away: the manoeuvre, the time [s], the fault in words, and the motion until then."""
+    """Manoeuvre, time [s], cause and motion of a simulation until it is no longer feasible."""
 
     manoeuvre: Manoeuvre
     time: float
@@ -88,36 +87,26 @@ class Failure:
 
     def __str__(self) -> str:
         """End of a sentence."""
-        return f"in the {self.manoeuvre.label} she {self.fault} after {self.time:.3g} s"
+        return f"in the {self.manoeuvre.label} the ship {self.fault} after {self.time:.3g} s"
 
 
 def first_failure(vessel: Vessel, coefficients: np.ndarray) -> Failure | None:
-    """The first standard manoeuvre in which one ship runs away; None where it is feasible in all.
-
-    Parameters
-    ----------
-    vessel : Vessel
-    coefficients : ndarray, shape (n_coefficients,)
-
-    Returns
-    -------
-    Failure or None
-    """
+    """First standard manoeuvre in which one ship (n_coefficients,) is not feasible, or None."""
     for manoeuvre in STANDARD:
-        ship = _simulated(vessel, coefficients[None], manoeuvre, _REACH)
-        (fast,), (tight,) = _faults(vessel, manoeuvre, ship)
+        ship = _simulate(vessel, coefficients[None], manoeuvre, _REACH)
+        (fast,), (tight,) = _exceedances(vessel, manoeuvre, ship)
         ship = ship.isel(draw=0)
-        at = {
+        times = {
             "leaves the model's range": float(ship["diverged_at"]) if ship["diverged"] else np.inf,
-            f"exceeds {FASTEST:g} times her approach speed": _first(ship, fast),
+            f"exceeds {FASTEST:g} times the approach speed": _first(ship, fast),
             f"turns on a radius below {TIGHTEST:g} L": _first(ship, tight),
         }
-        fault = min(at, key=lambda name: at[name])
-        if np.isfinite(at[fault]):
-            return Failure(manoeuvre, at[fault], fault, ship.sel(time=slice(None, at[fault])))
+        fault = min(times, key=lambda name: times[name])
+        if np.isfinite(times[fault]):
+            return Failure(manoeuvre, times[fault], fault, ship.sel(time=slice(None, times[fault])))
     return None
 
 
-def _first(ship: xr.Dataset, wrong: np.ndarray) -> float:
-    """Time of the first sample that is wrong [s]; infinite where none is."""
-    return float(ship["time"].values[np.argmax(wrong)]) if wrong.any() else np.inf
+def _first(ship: xr.Dataset, outside: np.ndarray) -> float:
+    """Time of the first sample outside a limit [s]; infinite if none."""
+    return float(ship["time"].values[np.argmax(outside)]) if outside.any() else np.inf

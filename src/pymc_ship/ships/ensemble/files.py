@@ -1,4 +1,4 @@
-"""A ship as files: one vessel (TOML) and one posterior (NetCDF) for each member, and what joins them."""
+"""A ship as files: a vessel (TOML) and a posterior (NetCDF) per member, with an index (JSON)."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
-from pymc_ship.ships.ensemble.motion_error import ERRING
+from pymc_ship.ships.ensemble.motion_error import ERROR_STATES
 from pymc_ship.ships.ensemble.ship import Member, Ship
 
 FOLDER = "model"
 """Folder of a ship inside that of its report."""
 
 FORMAT = 4
-"""Number of the format that is written."""
+"""Number of the format written."""
 
 MIGRATIONS = {
     2: {"model_error": "index_error", "index_rows": "held_out_indices", "held_tests": "uses_captive_tests"},
     3: {"statement": "design", "stated": "response", "dispersion": "design_effect"},
 }
-"""Names of a format, in any of its files, that differ in the next one; formats that are read, too."""
+"""Names of older formats that differ in the next one, by format number; these are also read."""
 
 _INDEX, _SUM = "ship.json", "sha256"
 _KEYS = (
@@ -52,7 +52,7 @@ def save_ship(
     runs: Sequence[str] = (),
     quality_flags: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write a ship to the folder ``model`` of a report, moved into place when complete.
+    """Write a ship to the folder ``model`` of a report; the folder appears when it is complete.
 
     Parameters
     ----------
@@ -60,17 +60,16 @@ def save_ship(
     out : str or Path
         Folder of the report, which must exist.
     made_by : str, optional
-        What made it.
+        Program that wrote it.
     runs : sequence of str, optional
-        Names of the runs it was identified from.
+        Names of the identification runs.
     quality_flags : mapping of str to str, optional
         Of their records, see :func:`pymc_ship.records.files.quality_flags.quality_flags`.
 
     Returns
     -------
     Path
-        ``out/model``: ``<terms>.toml``, the vessel with the posterior means, ``<terms>.nc``, its draws, and
-        ``ship.json``.
+        ``out/model`` with ``<terms>.toml`` (vessel, posterior means), ``<terms>.nc`` (draws) and ``ship.json``.
 
     Raises
     ------
@@ -122,7 +121,7 @@ def load_ship(out: str | Path) -> Ship:
     Raises
     ------
     VesselError
-        When the folder holds none, one of another format, or one that was damaged or changed since it was written.
+        For a missing ship, another format, or a checksum that differs.
     """
     settle(out)
     folder = Path(out) / FOLDER
@@ -150,7 +149,7 @@ def load_ship(out: str | Path) -> Ship:
 
 
 def _read_index(folder: Path) -> dict:
-    """What joins the members, under the names of the present format; VesselError where it cannot be."""
+    """Index of the members under the names of the present format; VesselError where it is unreadable."""
     try:
         index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
         given = index.pop(_SUM, None)
@@ -169,24 +168,26 @@ def _read_index(folder: Path) -> dict:
 
 
 def _current(index: dict, folder: Path) -> dict:
-    """Index under the names of the present format; VesselError for a format that is not read."""
+    """Index under the names of the present format; VesselError for an unknown format."""
     number, index = index.get("format", min(MIGRATIONS)), _current_names(index)
     gear = {one.name for one in fields(Steering)}
-    known = number in (*MIGRATIONS, FORMAT) and set(_KEYS) <= set(index) and set(index["motion_error"]) == set(ERRING)
-    known = known and all(set(one) == gear for one in index["facilities"].values())
-    if not known or not all("measured_sd" in row for row in index["held_out_indices"]):
+    has_format = (
+        number in (*MIGRATIONS, FORMAT) and set(_KEYS) <= set(index) and set(index["motion_error"]) == set(ERROR_STATES)
+    )
+    has_format = has_format and all(set(one) == gear for one in index["facilities"].values())
+    if not has_format or not all("measured_sd" in row for row in index["held_out_indices"]):
         raise _other_format(folder, _INDEX, _KEYS)
     return index
 
 
 def _current_names(entries: Mapping) -> dict:
-    """Entries of a file under the names of the present format."""
+    """Entries under the names of the present format."""
     names = {old: new for renamed in MIGRATIONS.values() for old, new in renamed.items()}
     return {names.get(key, key): value for key, value in entries.items()}
 
 
 def _member(entry: Mapping, vessel: Vessel, tree: xr.DataTree, constant: Mapping) -> Member:
-    """Member of an entry of the index, from its vessel and its posterior."""
+    """Member from its entry of the index, vessel and posterior."""
     draws = tree["posterior"]["coefficients"].stack(sample=("draw", "chain"))
     rows = draws.sel(coefficient=coefficient_names(vessel)).transpose("sample", "coefficient").values
     likelihood = EarlierLikelihood(
@@ -227,7 +228,7 @@ def _checksum(folder: Path, index: Mapping) -> str:
 
 
 def _entry(member: Member, likelihood: EarlierLikelihood) -> dict:
-    """What ship.json says of a member."""
+    """Entry of a member in ship.json."""
     density = likelihood.log_density.tolist()
     return {"name": member.name, "file": _stem(member.name), "weight": member.weight, "log_density": density}
 
@@ -237,10 +238,7 @@ def _stem(name: str) -> str:
 
 
 def _tree(member: Member, likelihood: EarlierLikelihood, ship: Ship, made_by: str) -> xr.DataTree:
-    """Draws of a member with the motion they were fitted to.
-
-    Four chains of equal length hold the draws; if their number is no multiple of four, one chain holds all of them.
-    """
+    """Draws of a member (in four chains if divisible) with their motion and likelihood."""
     chains = _CHAINS if len(member.draws) % _CHAINS == 0 else 1
     values = member.draws.reshape(-1, chains, member.draws.shape[1]).swapaxes(0, 1)
     names = coefficient_names(member.vessel)
@@ -277,7 +275,7 @@ def _tree(member: Member, likelihood: EarlierLikelihood, ship: Ship, made_by: st
 
 
 def _vessel_text(member: Member) -> str:
-    """TOML of a member's vessel, its coefficients at the estimates; what was known beforehand is in them."""
+    """TOML of a member's vessel with the estimates as coefficients."""
     vessel = member.vessel
     lines = [f"name = {json.dumps(vessel.name)}", f"title = {json.dumps(f'{vessel.title}; {member.name} terms')}"]
     lines += [f"parts = {json.dumps(list(vessel.parts))}"] if vessel.parts else []

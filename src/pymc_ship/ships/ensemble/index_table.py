@@ -1,4 +1,4 @@
-"""The table of indices of recorded manoeuvres beside their forecasts: runs x indices, with the parts of the error."""
+"""Dataset of measured and forecast indices of recorded manoeuvres, runs x indices, with the parts of the error."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.manoeuvre.registry import KINDS
 
 NUMBERS = ("measured", "forecast", "parameter_sd", "model_sd", "measured_sd", "scale", "sd")
-"""Variables of the table; ``scale`` is what the model error of an index is measured in."""
+"""Variables of the table; ``scale`` is the unit of the model error of an index."""
 
 
 def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
-    """Table of rows.
+    """Table of indices from rows.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
     -------
     Dataset, dims (run, index)
         :data:`NUMBERS`, NaN for an index that a run does not have; coordinates ``manoeuvre`` (run), ``quantity`` and
-        ``units`` (index). Runs of several days may share a name.
+        ``units`` (index). Names of runs may repeat.
     """
     runs: list[dict[str, Mapping]] = []
     for row in rows:
@@ -37,14 +37,14 @@ def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
     known = [name for name in _order() if name in quantity]
     names = [*known, *(name for name in quantity if name not in known)]
     firsts = [next(iter(run.values())) for run in runs]
-    given = [name for name in NUMBERS if not rows or name in rows[0]]
+    variables = [name for name in NUMBERS if not rows or name in rows[0]]
     values = {
         name: (("run", "index"), np.array([[run.get(index, {}).get(name, np.nan) for index in names] for run in runs]))
-        for name in given
+        for name in variables
     }
     empty = (("run", "index"), np.empty((0, 0)))
     return xr.Dataset(
-        values if rows else dict.fromkeys(given, empty),
+        values if rows else dict.fromkeys(variables, empty),
         {
             "run": [row["run"] for row in firsts],
             "manoeuvre": ("run", [row["manoeuvre"] for row in firsts]),
@@ -67,7 +67,7 @@ def index_rows(table: xr.Dataset) -> Iterator[dict]:
 
 
 def _order() -> list[str]:
-    """Indices of every kind of manoeuvre; those that several kinds have come with the last of these."""
+    """Indices of every kind of manoeuvre, each with the last kind that has it."""
     order: list[str] = []
     for kind in KINDS.values():
         order = [name for name in order if name not in kind.scored] + list(kind.scored)

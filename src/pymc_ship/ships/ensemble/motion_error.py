@@ -1,8 +1,7 @@
-"""Error of the simulated motion along a record beyond the spread of the draws, by state and lead time.
+"""Model error of the simulated motion beyond the spread of the draws, by state and lead time.
 
-The size of the error of each state has a half-Cauchy law over ships (Gelman 2006, doi:10.1214/06-BA117A), whose median
-is :data:`TYPICAL`, times the likelihood of the open-loop simulations of held-out runs. Beyond the motion of the runs an
-error grows with the distance from it, see docs/explanation/model_error.md. ``calibration.toml`` has the constants.
+Half-Cauchy law of its size over ships (Gelman 2006, doi:10.1214/06-BA117A) with median :data:`TYPICAL`; it grows with
+the extrapolation from the runs, see docs/explanation/model_error.md. ``calibration.toml`` has the constants.
 """
 
 from __future__ import annotations
@@ -15,50 +14,48 @@ from scipy.special import logsumexp, ndtr, ndtri
 
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.ensemble.calibration import calibrated, calibrated_by
+from pymc_ship.ships.ensemble.calibration import constant_by_kind, constant_value
 from pymc_ship.ships.ensemble.draws import robust_sd
 
 LEADS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
-"""Times from the start of a replay [L/U] at which its error is taken."""
+"""Lead times of the error [L/U]."""
 
-ERRING = ("u", "v", "r", "psi", "x", "y")
-"""States that have an error."""
+ERROR_STATES = ("u", "v", "r", "psi", "x", "y")
+"""States with a model error."""
 
-SUMMED = ("psi", "x", "y")
-"""Those whose error grows with the time that a ship stays beyond the motion of her runs."""
+ACCUMULATED_STATES = ("psi", "x", "y")
+"""States whose error accumulates over the time beyond the motion of the runs."""
 
-SETTLED = 10.0
-"""Time from the start of a replay by which a turn is steady [L/U]."""
+REFERENCE_LEAD = 10.0
+"""Lead time of the sizes [L/U], by which a turn is steady."""
 
-TYPICAL = calibrated_by("motion_typical")
-"""Error of the prime motion beyond the draws that half the ships exceed :data:`SETTLED` after a start."""
+TYPICAL = constant_by_kind("motion_typical")
+"""Median prime error beyond the draws at :data:`REFERENCE_LEAD`, over ships."""
 
-RISE = calibrated_by("motion_rise")
-"""Power of the time with which an error grows; that of u, v and r up to the last of :data:`LEADS`."""
+RISE = constant_by_kind("motion_rise")
+"""Power of the growth with lead time; u, v and r grow up to the last of :data:`LEADS`."""
 
-LIKELIHOOD_WEIGHT = calibrated("motion_likelihood_weight")
-"""Weight of each time of each replay in the law; those of one run err together."""
+LIKELIHOOD_WEIGHT = constant_value("motion_likelihood_weight")
+"""Likelihood weight of each lead time; the errors of one run are correlated."""
 
-MOTION_EXTRAPOLATION_SD = calibrated_by("motion_extrapolation_sd")
-"""Standard deviation of the prime motion for each range of the record by which the median ship leaves it; of heading
-[rad] and track for each L/U that she stays there, too."""
+MOTION_EXTRAPOLATION_SD = constant_by_kind("motion_extrapolation_sd")
+"""Extrapolation sd of the prime motion per range of the record; of heading and track also per L/U."""
 
 SIZES = 200
-"""Equally probable sizes that stand for the law of a model error."""
+"""Number of equally probable sizes of a law."""
 
-_ROWS = [STATE.index(name) for name in ERRING]
-_STEPS = np.arange(1, 2 * len(ERRING) + 1)
-_GOLDEN = 1.0570505752212285  # x^13 = x + 1: the additive sequence that is most even in twelve dimensions
+_ROWS = [STATE.index(name) for name in ERROR_STATES]
+_STEPS = np.arange(1, 2 * len(ERROR_STATES) + 1)
+_GOLDEN = 1.0570505752212285  # x^13 = x + 1: additive low-discrepancy sequence in 12 dimensions
 _SIZE = np.exp(np.linspace(-7.0, 9.0, 321))
-_NODES = 400  # of a mixture's distribution
+_NODES = 400  # interpolation nodes of a mixture's distribution
 
 
-class Replayed(NamedTuple):
-    """A replay beside its record.
+class OpenLoopSimulation(NamedTuple):
+    """Open-loop simulation along a recorded run, and the record.
 
-    ``time`` (n_time,) [s] is from the start of the replay; ``states`` (8, n_draws, n_time) and ``measured`` (8, n_time)
-    are in SI units and rad, NaN where a channel was not measured; ``noise_sd`` (8,) is the standard deviation of the
-    readings about a replay of the true ship, 0 for exact ones.
+    ``time`` (n_time,) from the start [s]; ``states`` (8, n_draws, n_time), ``measured`` (8, n_time) in SI and rad,
+    NaN where not measured; ``noise_sd`` (8,) of the readings.
     """
 
     time: np.ndarray
@@ -70,75 +67,75 @@ class Replayed(NamedTuple):
 def size_law(
     error: np.ndarray, known: np.ndarray, typical: np.ndarray, likelihood_weight: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Law of how many times the typical error a ship has.
+    """Posterior law of the size of a ship's error over the typical error.
 
     Parameters
     ----------
     error, known, typical : ndarray, shape (n_rows,)
-        Errors in held-out runs, variances that are known of them, and typical errors beyond these.
+        Errors in held-out runs, their known variances, and typical errors.
     likelihood_weight : float
         Weight of each row.
 
     Returns
     -------
     size, log_weight : ndarray, shape (n_sizes,)
-        Sizes, evenly spaced in their logarithm, and the logarithms of their probabilities.
+        Sizes, evenly spaced in log, and their log probabilities.
     """
     variance = known[:, None] + (typical[:, None] * _SIZE) ** 2
-    told = -0.5 * likelihood_weight * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
-    log_weight = told + np.log(_SIZE) - np.log1p(_SIZE**2)
+    log_likelihood = -0.5 * likelihood_weight * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
+    log_weight = log_likelihood + np.log(_SIZE) - np.log1p(_SIZE**2)
     return _SIZE, log_weight - logsumexp(log_weight)
 
 
 def equal_sizes(size: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
-    """Equally probable sizes (SIZES,), rising, that stand for the law of :func:`size_law`."""
+    """Equally probable sizes (SIZES,) of the law of :func:`size_law`, ascending."""
     weight = np.exp(log_weight)
     middle = np.cumsum(weight) - 0.5 * weight
     return np.interp((np.arange(SIZES) + 0.5) / SIZES, middle, size)
 
 
-def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> dict[str, np.ndarray]:
-    """Standard deviation of each state beyond the draws, :data:`SETTLED` after a start.
+def motion_error(replays: Iterable[OpenLoopSimulation], vessel: Vessel) -> dict[str, np.ndarray]:
+    """Standard deviation of each state beyond the draws at :data:`REFERENCE_LEAD`.
 
     Parameters
     ----------
     replays : iterable of Replayed
-        Of runs that the draws were not fitted to; without any, the law is that of foreign ships.
+        Of held-out runs; without any, the law of other ships.
     vessel : Vessel
 
     Returns
     -------
     dict of str to ndarray, shape (SIZES,)
-        Equally probable sizes, rising, prime at the nominal speed, of :data:`ERRING`.
+        Equally probable sizes, rising, prime at the nominal speed, of :data:`ERROR_STATES`.
     """
     unit, scale = vessel.particulars.ship_time, np.array(list(prime_units(vessel).values()))
     times, errors, known = [], [], []
     for one in replays:
         for lead in LEADS:
             if lead * unit <= one.time[-1]:
-                place = int(np.searchsorted(one.time, lead * unit - 1e-9))
-                drawn = one.states[_ROWS, :, place] / scale[:, None]
+                time_index = int(np.searchsorted(one.time, lead * unit - 1e-9))
+                simulated = one.states[_ROWS, :, time_index] / scale[:, None]
                 times.append(lead)
-                errors.append(one.measured[_ROWS, place] / scale - np.nanmedian(drawn, axis=1))
-                known.append([robust_sd(values) ** 2 for values in drawn] + (one.noise_sd[_ROWS] / scale) ** 2)
+                errors.append(one.measured[_ROWS, time_index] / scale - np.nanmedian(simulated, axis=1))
+                known.append([robust_sd(values) ** 2 for values in simulated] + (one.noise_sd[_ROWS] / scale) ** 2)
     leads, error, variance = (
         np.array(times),
-        np.reshape(errors, (-1, len(ERRING))),
-        np.reshape(known, (-1, len(ERRING))),
+        np.reshape(errors, (-1, len(ERROR_STATES))),
+        np.reshape(known, (-1, len(ERROR_STATES))),
     )
-    found = {}
-    for k, name in enumerate(ERRING):
-        seen = np.isfinite(error[:, k]) & np.isfinite(variance[:, k])
-        typical = TYPICAL[name] * growth_with_lead_time(name, leads[seen])
-        found[name] = TYPICAL[name] * equal_sizes(
-            *size_law(error[seen, k], variance[seen, k], typical, LIKELIHOOD_WEIGHT)
+    sizes = {}
+    for k, name in enumerate(ERROR_STATES):
+        measured = np.isfinite(error[:, k]) & np.isfinite(variance[:, k])
+        typical = TYPICAL[name] * growth_with_lead_time(name, leads[measured])
+        sizes[name] = TYPICAL[name] * equal_sizes(
+            *size_law(error[measured, k], variance[measured, k], typical, LIKELIHOOD_WEIGHT)
         )
-    return found
+    return sizes
 
 
 def growth_with_lead_time(name: str, lead: np.ndarray) -> np.ndarray:
-    """Error of a state some times after a start [L/U], over that :data:`SETTLED` after it."""
-    return ((lead if name in SUMMED else np.minimum(lead, LEADS[-1])) / SETTLED) ** RISE[name]
+    """Error of a state at a lead time [L/U] over that at :data:`REFERENCE_LEAD`."""
+    return ((lead if name in ACCUMULATED_STATES else np.minimum(lead, LEADS[-1])) / REFERENCE_LEAD) ** RISE[name]
 
 
 def with_motion_error(
@@ -148,7 +145,7 @@ def with_motion_error(
     vessel: Vessel,
     beyond: np.ndarray | None = None,
 ) -> np.ndarray:
-    """States of draws with an error for each, one that is the same share of its law at all times.
+    """States of draws with a model error, of the same quantile at all times.
 
     Parameters
     ----------
@@ -156,7 +153,7 @@ def with_motion_error(
     time : ndarray, shape (n_time,)
         From the start of the replay [s].
     errors : mapping of str to ndarray
-        From :func:`motion_error`; states that it does not name have none.
+        From :func:`motion_error`; other states have no error.
     vessel : Vessel
     beyond : ndarray, shape (n_time,), optional
         Distance of the median ship from the motion of the runs, in ranges of it, see
@@ -165,18 +162,18 @@ def with_motion_error(
     Returns
     -------
     ndarray, shape (8, n_draws, n_time)
-        The errors of the draws are equally spread over their laws, without chance.
+        Quantiles of the errors by a low-discrepancy sequence, without random numbers.
     """
-    found, lead = states.copy(), time / vessel.particulars.ship_time
-    far = time_beyond(np.zeros(time.size) if beyond is None else np.nan_to_num(beyond), lead)
+    with_error, lead = states.copy(), time / vessel.particulars.ship_time
+    extrapolations = time_beyond(np.zeros(time.size) if beyond is None else np.nan_to_num(beyond), lead)
     units = prime_units(vessel)
-    place = (0.5 + np.outer(_GOLDEN ** -_STEPS.astype(float), np.arange(1, states.shape[1] + 1))) % 1.0
-    for name, row, of_ship, of_distance in zip(ERRING, _ROWS, *np.split(place, 2), strict=True):
-        error = np.outer(ndtri(of_distance), MOTION_EXTRAPOLATION_SD[name] * far[name])
+    quantile = (0.5 + np.outer(_GOLDEN ** -_STEPS.astype(float), np.arange(1, states.shape[1] + 1))) % 1.0
+    for name, row, of_ship, of_distance in zip(ERROR_STATES, _ROWS, *np.split(quantile, 2), strict=True):
+        error = np.outer(ndtri(of_distance), MOTION_EXTRAPOLATION_SD[name] * extrapolations[name])
         if name in errors:
             error += np.outer(mixture_quantiles(np.asarray(errors[name]), of_ship), growth_with_lead_time(name, lead))
-        found[row] += error * units[name]
-    return found
+        with_error[row] += error * units[name]
+    return with_error
 
 
 def mixture_quantiles(sd: np.ndarray, probability: np.ndarray) -> np.ndarray:
@@ -188,12 +185,12 @@ def mixture_quantiles(sd: np.ndarray, probability: np.ndarray) -> np.ndarray:
 
 
 def time_beyond(beyond: np.ndarray, lead: np.ndarray) -> dict[str, np.ndarray]:
-    """What the error of each state grows with, shape (n_time,): the distance, or its sum over the time [L/U]."""
-    stayed = np.append(0.0, np.cumsum(0.5 * (beyond[1:] + beyond[:-1]) * np.diff(lead)))
-    return {name: stayed if name in SUMMED else beyond for name in ERRING}
+    """Factor of the extrapolation error of each state, (n_time,): the distance, or its integral over time [L/U]."""
+    integral = np.append(0.0, np.cumsum(0.5 * (beyond[1:] + beyond[:-1]) * np.diff(lead)))
+    return {name: integral if name in ACCUMULATED_STATES else beyond for name in ERROR_STATES}
 
 
 def prime_units(vessel: Vessel) -> dict[str, float]:
-    """Units of the states that err, by which they are prime."""
+    """Prime units of the states with a model error."""
     L, U = vessel.particulars.L, vessel.particulars.nominal_speed
     return {"u": U, "v": U, "r": U / L, "psi": 1.0, "x": L, "y": L}

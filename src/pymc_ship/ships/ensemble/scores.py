@@ -1,4 +1,4 @@
-"""Bands of draws, and the score of a forecast distribution."""
+"""Quantile bands of draws, and the continuous ranked probability score."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 BANDS = ("lower", "median", "upper")
-"""Coordinate ``band`` of what a forecast summarises."""
+"""Values of the coordinate ``band`` of a forecast."""
 
 
 def quantile_bands(values: xr.Dataset, ci_prob: float) -> xr.Dataset:
@@ -21,7 +21,7 @@ def quantile_bands(values: xr.Dataset, ci_prob: float) -> xr.Dataset:
 
 
 def quantiles(values: np.ndarray, probabilities: list[float]) -> np.ndarray:
-    """Quantiles over the first axis without NaN (which sorts last), linear between order statistics."""
+    """Quantiles over the first axis without NaN, linear between order statistics."""
     ordered = np.sort(values, axis=0)
     count = np.isfinite(ordered).sum(axis=0)
     rank = np.multiply.outer(probabilities, np.maximum(count - 1, 0))
@@ -31,12 +31,12 @@ def quantiles(values: np.ndarray, probabilities: list[float]) -> np.ndarray:
     return low + (rank - below) * (high - low)
 
 
-def crps(drawn: np.ndarray, seen: np.ndarray) -> float:
+def crps(draws: np.ndarray, measured: np.ndarray) -> float:
     """Continuous ranked probability score of an ensemble (n_draws, n_time), mean over time.
 
     Gneiting & Raftery (2007), doi:10.1198/016214506000001437, Eq. 20, with the spread of a sorted ensemble.
     """
-    held = np.sort(drawn[np.isfinite(drawn[:, -1])], axis=0)
-    n = len(held)
+    sorted_draws = np.sort(draws[np.isfinite(draws[:, -1])], axis=0)
+    n = len(sorted_draws)
     weight = (2.0 * np.arange(1, n + 1) - n - 1.0) / (n * n)
-    return float(np.mean(np.mean(np.abs(held - seen), axis=0) - weight @ held))
+    return float(np.mean(np.mean(np.abs(sorted_draws - measured), axis=0) - weight @ sorted_draws))

@@ -1,8 +1,4 @@
-"""The ship: draws of one model or of several, and what is known of their errors and of the runs behind them.
-
-A forecast, a replay, a score and the design of the next run take a ship. An identification makes one, and so do a
-posterior and a vessel file.
-"""
+"""The ship: an ensemble of models with the laws of their errors, as forecasts and later runs use it."""
 
 from __future__ import annotations
 
@@ -29,17 +25,13 @@ class Member:
 
     Attributes
     ----------
-    name : str
-        Of its term set, or of what made it.
+    name : str; of the term set or the method
     vessel : Vessel
     draws : ndarray, shape (n_draws, n_coefficients)
     estimate : ndarray, shape (n_coefficients,)
-    weight : float
-        Share of the ensemble.
-    likelihood : Earlier or None
-        Likelihood of all runs so far, for runs to come.
-    inflation, dispersion : float
-        Factor on the standard deviations, and design effect of the windows' likelihood.
+    weight : float; fraction of the ensemble
+    likelihood : EarlierLikelihood or None; likelihood of all runs so far
+    inflation, design_effect : float; factor on the sd, and design effect of the likelihood of the windows
     """
 
     name: str
@@ -58,33 +50,23 @@ class Member:
 
 @dataclass(frozen=True, eq=False)
 class Ship:
-    """A ship as forecasts and later runs take it: an ensemble of models with the laws of their errors.
+    """A ship: an ensemble of models with the laws of their errors.
 
     Attributes
     ----------
-    members : tuple of Member
-        By falling weight; one without draws takes no part.
-    motion : DataArray, dims (row, symbol), or None
-        Prime motion of the runs; None where it is unknown.
+    members : tuple of Member; by descending weight, some perhaps without draws
+    motion : DataArray, dims (row, symbol), or None; prime motion of the runs
     index_error : dict of str to ndarray, or None
-        Equally probable sizes of the error of indices beyond the draws, by kind; see
-        :func:`pymc_ship.ships.ensemble.index_error.model_error`. None where only the draws are known.
+        Sizes of the error of indices by kind, see :func:`pymc_ship.ships.ensemble.index_error.model_error`.
     motion_error : dict of str to ndarray
-        Equally probable sizes of the error of the motion beyond the draws, by state; see
-        :func:`pymc_ship.ships.ensemble.motion_error.motion_error`.
-    noise_sd : dict of str to float
-        Standard deviation of the sensors by channel [SI], as a joint posterior found it.
-    facilities : dict of str to Steering
-        How the rudder was steered at each facility, by name, that with the most trials first.
-    remarks : tuple of str
-        How the intervals were made.
-    prior : str
-        Kind of prior of the coefficients.
+        Sizes of the error of the motion by state, see :func:`pymc_ship.ships.ensemble.motion_error.motion_error`.
+    noise_sd : dict of str to float; sensor noise sd by channel [SI], of a joint posterior
+    facilities : dict of str to Steering; steering by facility, most trials first
+    remarks : tuple of str; how the intervals were made
+    prior : str; kind of prior of the coefficients
     held_out_indices : Dataset, dims (run, index)
-        Indices of the held-out manoeuvres of all runs so far, see
-        :func:`pymc_ship.ships.ensemble.index_table.index_table`.
-    uses_captive_tests : bool
-        Whether captive tests are part of the likelihoods.
+        See :func:`pymc_ship.ships.ensemble.index_table.index_table`.
+    uses_captive_tests : bool; whether the likelihoods include captive tests
     """
 
     members: tuple[Member, ...]
@@ -108,30 +90,30 @@ class Ship:
         rng: Seed,
         noise_sd: Mapping[str, float] | None = None,
     ) -> Ship:
-        """Make a ship of the draws of a posterior.
+        """Ship of the draws of a posterior.
 
         Parameters
         ----------
         vessel : Vessel, str or Path
         posteriors : DataTree or mapping of str to DataTree
-            Joint posterior of all coefficients, or the posterior of each DOF, of any method; a DOF that a mapping
-            leaves out keeps the vessel's reference values.
+            Joint posterior of all coefficients, or the posterior of each DOF, of any method; a DOF without one
+            has the vessel's reference values.
         draws : int, optional
         rng : int, SeedSequence or Generator
         noise_sd : mapping of str to float, optional
-            Standard deviation of the noise of the sensors by channel [SI]; by default what a joint posterior has.
+            Sensor noise sd by channel [SI]; default: that of a joint posterior.
 
         Returns
         -------
         Ship
-            Without a law of errors beyond the draws: forecasts have the uncertainty of the coefficients alone.
+            Without model error: forecasts have the uncertainty of the coefficients only.
 
         Raises
         ------
         VesselError
             For posteriors that do not fit the vessel.
         ValueError
-            For fewer than two draws, or noise of an unknown channel or one that is negative or not finite.
+            For fewer than two draws, or noise that is invalid or of an unknown channel.
 
         Examples
         --------
@@ -146,7 +128,7 @@ class Ship:
         """
         rng, vessel = random_generator(rng), as_vessel(vessel)
         if draws < 2:
-            raise ValueError(f"A ship of a posterior needs two draws or more, found {draws}; ask for more.")
+            raise ValueError(f"A ship of a posterior needs two draws or more, found {draws}; give a larger `draws`.")
         noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)
         _check_noise(noise)
         rows = coefficient_draws(vessel, posteriors, draws, rng)
@@ -155,29 +137,19 @@ class Ship:
 
     @classmethod
     def from_vessel(cls, vessel: VesselLike) -> Ship:
-        """Make a ship of one draw: the coefficients of a vessel file.
-
-        Parameters
-        ----------
-        vessel : Vessel, str or Path
-
-        Raises
-        ------
-        VesselError
-            For a file that cannot be read.
-        """
+        """Ship of one draw, the coefficients of a vessel file; VesselError for a file that cannot be read."""
         vessel = as_vessel(vessel)
         values = reference_coefficients(vessel)
         return cls((Member("vessel file", vessel, values[None], values),))
 
     @property
     def models(self) -> list[tuple[Vessel, np.ndarray]]:
-        """Vessel and draws (n_draws, n_coefficients) of each member that takes part."""
+        """Vessel and draws (n_draws, n_coefficients) of each member with draws."""
         return [(one.vessel, one.draws) for one in self.members if len(one.draws)]
 
     @property
     def vessel(self) -> Vessel:
-        """Vessel of the member that weighs most, of those that roll where some do."""
+        """Vessel of the member of largest weight, of those with roll if any."""
         return most_dofs(vessel for vessel, _ in self.models)
 
     @property
@@ -187,7 +159,7 @@ class Ship:
 
     @property
     def draws(self) -> int:
-        """Draws of all members."""
+        """Number of draws of all members."""
         return sum(len(one.draws) for one in self.members)
 
     def __repr__(self) -> str:
@@ -200,13 +172,13 @@ class Ship:
 
 
 ShipLike = Ship | VesselLike
-"""A ship, or the vessel or file that one is made of."""
+"""A ship, a vessel or a vessel file."""
 
 
 def as_ship(ship: ShipLike) -> Ship:
-    """Ship as it is, or that of a vessel; VesselError for anything else."""
+    """The ship, or that of a vessel; VesselError for anything else."""
     if isinstance(getattr(ship, "ship", None), Ship):
-        raise VesselError("A ship or a vessel is meant, found an identification; give its ship, `found.ship`.")
+        raise VesselError("A ship or a vessel is needed, found an identification; give its attribute `ship`.")
     return ship if isinstance(ship, Ship) else Ship.from_vessel(ship)
 
 

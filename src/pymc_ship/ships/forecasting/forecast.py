@@ -18,7 +18,7 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
 from pymc_ship.records.steering.recognition import Steering, with_steering
-from pymc_ship.ships.ensemble.draws import knowing_models, thinned_draws
+from pymc_ship.ships.ensemble.draws import suitable_models, thinned_draws
 from pymc_ship.ships.ensemble.feasibility import is_feasible
 from pymc_ship.ships.ensemble.index_error import reliability, steady_error, with_model_error
 from pymc_ship.ships.ensemble.scores import quantile_bands, quantiles
@@ -118,7 +118,7 @@ def forecast(
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
     around = {"n": n, "wind": wind, "current": current}
-    known = knowing_models(_steered_at(ship, facility), n=n, wind=wind)
+    known = suitable_models(_steered_at(ship, facility), n=n, wind=wind)
     if facility is not None and manoeuvre.approach_speed is None and n is None:
         speed = ship.facilities[facility].approach_speed
         manoeuvre = replace(manoeuvre, approach_speed=speed if np.isfinite(speed) else None)

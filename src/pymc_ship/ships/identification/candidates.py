@@ -20,7 +20,7 @@ from pymc_ship.inference.trajectory.sequential_likelihood import (
     joint_likelihood,
     window_likelihood,
 )
-from pymc_ship.inference.trajectory.windows import Window, WindowFit, fit_windows, prepared_windows, widened
+from pymc_ship.inference.trajectory.windows import Window, WindowFit, fit_windows, inflate_covariance, prepared_windows
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError
 from pymc_ship.machine.threads import thread_pool
@@ -360,7 +360,7 @@ def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined
     beside = joint_likelihood([before, tests.likelihood if tests else None])
     if beside is not None:
         prior = replace(prior, likelihood=beside)
-        fit = fit_windows(problem.windows, vessel, prior, fit.coefficients, fit.spread)
+        fit = fit_windows(problem.windows, vessel, prior, fit.coefficients, fit.effective_sd)
     return _Combined(fit, prior, tests, discrepancy_scales)
 
 
@@ -369,12 +369,12 @@ def _hold_out(problem: _Problem, combined: _Combined, training: Training) -> Can
     vessel, whole = problem.vessel, combined.fit
 
     def fit(windows: Sequence[Window]) -> WindowFit:
-        return fit_windows(windows, vessel, combined.prior, whole.coefficients, whole.spread)
+        return fit_windows(windows, vessel, combined.prior, whole.coefficients, whole.effective_sd)
 
     shared = _shared(training, vessel) if valid_at_any_speed(vessel) else None
     judged = cross_validate(folds(problem.runs), vessel, fit, shared)
     inflation = _inflation(whole, judged)
-    whole, *others = (widened(one, inflation) for one in (whole, *judged.fits))
+    whole, *others = (inflate_covariance(one, inflation) for one in (whole, *judged.fits))
     return Candidate(
         name=problem.name,
         fit=whole,
@@ -474,7 +474,7 @@ def _inflation(whole: WindowFit, judged: CrossValidation) -> float:
     found = expected = 0.0
     for fit in judged.fits:
         prior, windows = _precisions(fit)
-        spread = np.mean([np.log(sd / whole.spread[name]) for name, sd in fit.spread.items()])
+        spread = np.mean([np.log(sd / whole.effective_sd[name]) for name, sd in fit.effective_sd.items()])
         without = np.linalg.inv(prior + np.exp(2.0 * spread) * windows)
         moved = fit.coefficients - whole.coefficients
         found, expected = found + moved @ own @ moved, expected + np.trace(own @ (without - covariance))

@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pymc_ship.inference.trajectory.windows import restarted, thinned
+from pymc_ship.inference.trajectory.windows import thin_record, window_misfit
 from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.vessel.term_sets import valid_at_any_speed
@@ -56,7 +56,7 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
     list of HeldOutWindow
         The forecast is NaN where the ship left the model's range.
     """
-    windows = modelled_windows(thinned(trials[k], candidate.vessel), candidate.vessel)
+    windows = modelled_windows(thin_record(trials[k], candidate.vessel), candidate.vessel)
     fits = [candidate.held_out.fits[k]] * len(windows)
     if len(trials) == 1:
         groups = zip(candidate.held_out.fits, folds([windows]), strict=True)
@@ -64,7 +64,7 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
     found = []
     for window, fit in zip(windows, fits, strict=True):
         run = window.run
-        misfit = restarted(window, candidate.vessel, fit.coefficients)
+        misfit = window_misfit(window, candidate.vessel, fit.coefficients)
         found.append(HeldOutWindow(run.channels, run.time, run.means, run.means - misfit))
     return found
 

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
-from pymc_ship.inference.trajectory.windows import Window, WindowFit, restarted, with_constants
+from pymc_ship.inference.trajectory.windows import Window, WindowFit, window_misfit, with_constants
 from pymc_ship.physics.forces.surroundings import CURRENT, CURRENT_COMPONENTS, WIND
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -105,7 +105,7 @@ def score_folds(
     """Score the windows of each run under the fit of its place, or under coefficients that stand for it."""
     own = [fit.coefficients for fit in fits] if coefficients is None else coefficients
     misfits = [
-        [restarted(window, vessel, values) for window in windows] for windows, values in zip(runs, own, strict=True)
+        [window_misfit(window, vessel, values) for window in windows] for windows, values in zip(runs, own, strict=True)
     ]
     square = np.array([np.mean(misfit**2, axis=1) for run in misfits for misfit in run])
     stayed = np.isfinite(square).all(axis=1)

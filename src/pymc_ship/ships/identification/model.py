@@ -17,7 +17,7 @@ import xarray as xr
 from pymc_ship.inference.captive.comparison import captive_bands
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
-from pymc_ship.inference.trajectory.windows import LENGTH, thinned
+from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
@@ -31,7 +31,7 @@ from pymc_ship.records.steering.recognition import recognise_by_facility, with_s
 from pymc_ship.ships.ensemble.feasibility import is_feasible
 from pymc_ship.ships.ensemble.index_error import index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
-from pymc_ship.ships.ensemble.motion_error import LEADS, Replayed, motion_error
+from pymc_ship.ships.ensemble.motion_error import LEADS, OpenLoopSimulation, motion_error
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.identification.candidates import (
     Candidate,
@@ -257,7 +257,7 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Train
         motion_record(trial, vessel)
     manoeuvres, facilities = recognise_by_facility(trials, vessel)
     vessel = with_steering(vessel, next(iter(facilities.values())))
-    return Training([thinned(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
+    return Training([thin_record(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
 
 
 def _after(before: Ship | None, training: Training) -> Training:
@@ -316,7 +316,9 @@ def _held_out_indices(
     return rows
 
 
-def _held_out_motion(found: Sequence[Candidate], training: Training, rng: np.random.Generator) -> Iterator[Replayed]:
+def _held_out_motion(
+    found: Sequence[Candidate], training: Training, rng: np.random.Generator
+) -> Iterator[OpenLoopSimulation]:
     """Every run from each window on, sailed by the fits that were made without it."""
     if len(training.trials) < 2:
         return
@@ -329,7 +331,7 @@ def _held_out_motion(found: Sequence[Candidate], training: Training, rng: np.ran
             if place.stop - place.start > 1:
                 states = [simulate_open_loop(vessel, draws, trial, place) for vessel, draws in drawn if len(draws)]
                 since, seen = time[place] - time[begin], measured_states(trial, place)
-                yield Replayed(since, np.concatenate(states, axis=1), seen, noise)
+                yield OpenLoopSimulation(since, np.concatenate(states, axis=1), seen, noise)
 
 
 def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:

@@ -12,7 +12,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.inference.captive.comparison import captive_figure, comparison_page_table, comparison_rows
-from pymc_ship.inference.trajectory.windows import LENGTH, thinned
+from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Columns, Table, fixed_point, number, rounded_percent, table
@@ -266,7 +266,7 @@ def run_rows(
         duration = float(np.ptp(trial["time"].values))
         row: dict[str, Any] = {"run": name, "manoeuvre": "none recognised" if manoeuvre is None else manoeuvre.label}
         row |= {"duration": duration, "duration_L_U": duration / unit, "approach_speed": approach_speed(trial)}
-        row |= {"sampling": sampling_interval(trial), "fitted_at": sampling_interval(thinned(trial, result.vessel))}
+        row |= {"sampling": sampling_interval(trial), "fitted_at": sampling_interval(thin_record(trial, result.vessel))}
         made = [check for check in checks.get(name, ()) if check.verdict != "not checked"]
         rows.append(
             row
