@@ -95,7 +95,7 @@ def test_the_page_states_its_defaults_and_shows_every_figure(page):
 
 
 @pytest.mark.slow
-def test_a_torn_posterior_heads_its_page_with_the_failing_gate_and_says_what_is_missing(page):
+def test_a_torn_posterior_heads_its_page_with_the_failing_diagnostic_and_says_what_is_missing(page):
     _, bare, _ = page
     assert "1 a &lt; b</h2>" in bare
     assert "(a convergence diagnostic fails)" in bare
@@ -116,7 +116,7 @@ def test_the_same_seed_gives_the_same_page(good, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["one chain", "one coefficient", "stuck"])
 def test_a_poor_posterior_is_still_reported(tmp_path, case):
-    """What cannot be drawn is said; nothing is warned of, and a posterior that cannot be judged fails its gates."""
+    """What cannot be drawn is said; nothing is warned of, and a posterior that cannot be judged fails."""
     rng = np.random.default_rng(0)
     X = rng.standard_normal((50, 1 if case == "one coefficient" else 2))
     labels = {"coefficients": ("Yv", "Yr")[: X.shape[1]], "dof": "sway", "vessel": "raft"}
@@ -149,12 +149,12 @@ def shared(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_section_of_several_methods_has_their_gates_agreement_and_the_chains_of_nuts(shared):
+def test_a_section_of_several_methods_has_their_convergence_agreement_and_the_chains_of_nuts(shared):
     assert re.findall(r"<h3>(.*)</h3>", shared) == TITLES
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>.*?</tr>", shared)]
     convergence_diagnostics = [row[:2] for row in cells if len(row) == 6 and row[0] in ("exact", "gibbs", "nuts")]
-    assert [method for method, gate in convergence_diagnostics if gate == "largest R-hat"] == ["exact", "gibbs", "nuts"]
-    assert [method for method, gate in convergence_diagnostics if gate == "divergences"] == ["nuts"]
+    assert [method for method, name in convergence_diagnostics if name == "largest R-hat"] == ["exact", "gibbs", "nuts"]
+    assert [method for method, name in convergence_diagnostics if name == "divergences"] == ["nuts"]
     verdicts = {row[0]: (row[2], row[-1]) for row in cells if len(row) == 8 and row[-1] in ("yes", "no")}
     assert verdicts == {"gibbs": ("4.15", "no"), "nuts": ("4.15", "yes")}
     assert "The chains are those of nuts." in shared

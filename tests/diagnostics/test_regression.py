@@ -51,43 +51,43 @@ def without(tree, *groups):
     )
 
 
-def gate(tree, name):
-    return next(row for row in numbers.convergence_diagnostics(tree) if row["gate"] == name)
+def diagnostic(tree, name):
+    return next(row for row in numbers.convergence_diagnostics(tree) if row["diagnostic"] == name)
 
 
 # convergence
 
 
-def test_independent_draws_pass_every_gate(good):
+def test_independent_draws_pass_every_diagnostic(good):
     rows = numbers.convergence_diagnostics(good[0])
-    assert [row["gate"] for row in rows] == ["largest R-hat", "least bulk ESS", "least tail ESS"]
-    assert all(row["holds"] for row in rows)
+    assert [row["diagnostic"] for row in rows] == ["largest R-hat", "least bulk ESS", "least tail ESS"]
+    assert all(row["passes"] for row in rows)
     assert rows[1]["value"] == pytest.approx(2400, rel=0.2)
 
 
-def test_a_chain_that_stands_elsewhere_fails_the_gate_of_its_coefficient(good):
+def test_a_chain_that_stands_elsewhere_fails_the_diagnostic_of_its_coefficient(good):
     draws = good[0]["posterior"]["coefficients"].copy()
     draws[2, :, 1] += 1.0
-    row = gate(changed(good[0], coefficients=draws), "largest R-hat")
-    assert (row["holds"], row["where"]) == (False, "Yb")
+    row = diagnostic(changed(good[0], coefficients=draws), "largest R-hat")
+    assert (row["passes"], row["where"]) == (False, "Yb")
     assert row["value"] > 1.5
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_chains_that_stand_still_and_single_chains_fail(good):
     still = changed(good[0], noise_variance=xr.zeros_like(good[0]["posterior"]["noise_variance"]) + 1.0)
-    assert not all(row["holds"] for row in numbers.convergence_diagnostics(still))
+    assert not all(row["passes"] for row in numbers.convergence_diagnostics(still))
     one = xr.DataTree.from_dict(
         {"/": good[0].to_dataset(), "posterior": good[0]["posterior"].to_dataset().isel(chain=[0])}
     )
-    assert np.isnan(gate(one, "largest R-hat")["value"])
-    assert not gate(one, "largest R-hat")["holds"]
+    assert np.isnan(diagnostic(one, "largest R-hat")["value"])
+    assert not diagnostic(one, "largest R-hat")["passes"]
 
 
 def test_sticky_chains_have_too_few_effective_draws(good):
     draws = good[0]["posterior"]["coefficients"]
     sticky = draws.isel(draw=np.repeat(np.arange(30), 20)).assign_coords(draw=draws["draw"])
-    assert not gate(changed(good[0], coefficients=sticky), "least bulk ESS")["holds"]
+    assert not diagnostic(changed(good[0], coefficients=sticky), "least bulk ESS")["passes"]
 
 
 def test_divergences_and_energy_are_judged_where_they_are_known(good):
@@ -95,14 +95,14 @@ def test_divergences_and_energy_are_judged_where_they_are_known(good):
     shape = (4, 600)
     stats_of = {"diverging": rng.random(shape) < 0.0, "energy": rng.standard_normal(shape)}
     calm = sampled(good[0], stats_of)
-    assert gate(calm, "divergences")["holds"]
-    assert gate(calm, "least E-BFMI")["value"] == pytest.approx(2.0, abs=0.3)
+    assert diagnostic(calm, "divergences")["passes"]
+    assert diagnostic(calm, "least E-BFMI")["value"] == pytest.approx(2.0, abs=0.3)
     stats_of["diverging"][3, 7] = True
     stats_of["energy"] = np.cumsum(stats_of["energy"], axis=1)
     wild = sampled(good[0], stats_of)
-    assert gate(wild, "divergences")["value"] == 1.0
-    assert not gate(wild, "divergences")["holds"]
-    assert not gate(wild, "least E-BFMI")["holds"]
+    assert diagnostic(wild, "divergences")["value"] == 1.0
+    assert not diagnostic(wild, "divergences")["passes"]
+    assert not diagnostic(wild, "least E-BFMI")["passes"]
 
 
 def sampled(tree, values):
@@ -141,7 +141,7 @@ def test_contraction_against_the_normal_posterior(family, kappa):
     assert found["prior_sd"].values == pytest.approx(np.sqrt(prior))
     expected = 1.0 - 1.0 / (1.0 + prior * 120.0 / sigma2)
     assert found["contraction"].values == pytest.approx(expected, abs=0.06 * (1 - expected) + 1e-3)
-    assert [row["share"] for row in d.singular_directions(tree)] == pytest.approx([expected] * 3, abs=1e-6)
+    assert [row["data_precision"] for row in d.singular_directions(tree)] == pytest.approx([expected] * 3, abs=1e-6)
 
 
 def test_prior_spread_is_mapped_back_from_the_scaled_columns():
@@ -166,7 +166,7 @@ def test_a_direction_the_data_do_not_see_follows_the_prior():
     X = np.column_stack([column, column, rng.standard_normal(200)])
     tree, _, _ = made(white(200), columns=X)
     weakest = d.singular_directions(tree)[0]
-    assert weakest["share"] == pytest.approx(0.0, abs=1e-9)
+    assert weakest["data_precision"] == pytest.approx(0.0, abs=1e-9)
     assert weakest["direction"].startswith(("+0.71 Ya -0.71 Yb", "+0.71 Yb -0.71 Ya"))
     pair = numbers.correlated_pairs(tree, 1)[0]
     assert {pair["first"], pair["second"]} == {"Ya", "Yb"}

@@ -33,7 +33,7 @@ def test_the_command_writes_the_page_and_prints_the_verdict(good, tmp_path, caps
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_failing_gate_is_status_3_and_the_page_is_written(good, tmp_path, capsys):
+def test_a_failing_diagnostic_is_status_3_and_the_page_is_written(good, tmp_path, capsys):
     (tmp_path / "a").mkdir()
     for path, tree in (("x.nc", good), ("a/x.nc", torn(good))):
         write_posterior(tree, tmp_path / path)

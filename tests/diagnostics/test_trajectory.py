@@ -52,17 +52,17 @@ def test_a_sampler_needs_no_pareto_khat():
     d.check_trajectory(sampled())
 
 
-# gates
+# convergence diagnostics
 
 
 @pytest.mark.parametrize(("khat", "holds"), [(0.3, True), (0.7, True), (0.71, False), (np.nan, False)])
-def test_the_gate_of_the_normal_approximation_is_pareto_khat(khat, holds):
-    (gate,) = numbers.convergence_diagnostics(with_attrs(short_posterior(), pareto_khat=khat))
-    assert (gate["gate"], gate["limit"], gate["holds"]) == ("Pareto k-hat", "≤ 0.7", holds)
+def test_the_diagnostic_of_the_normal_approximation_is_pareto_khat(khat, holds):
+    (row,) = numbers.convergence_diagnostics(with_attrs(short_posterior(), pareto_khat=khat))
+    assert (row["diagnostic"], row["limit"], row["passes"]) == ("Pareto k-hat", "≤ 0.7", holds)
 
 
-def test_the_gates_of_a_sampler_watch_every_unknown():
-    convergence_diagnostics = {gate["gate"]: gate for gate in numbers.convergence_diagnostics(sampled())}
+def test_the_diagnostics_of_a_sampler_watch_every_unknown():
+    convergence_diagnostics = {row["diagnostic"]: row for row in numbers.convergence_diagnostics(sampled())}
     assert list(convergence_diagnostics) == [
         "largest R-hat",
         "least bulk ESS",
@@ -70,12 +70,12 @@ def test_the_gates_of_a_sampler_watch_every_unknown():
         "divergences",
         "least E-BFMI",
     ]
-    assert all(gate["holds"] for gate in convergence_diagnostics.values())
+    assert all(row["passes"] for row in convergence_diagnostics.values())
     torn = changed(sampled(), "posterior/initial_state", lambda v: v[3, :, 1, 1].__iadd__(1.0))
-    failed = [gate for gate in numbers.convergence_diagnostics(torn) if not gate["holds"]]
+    failed = [row for row in numbers.convergence_diagnostics(torn) if not row["passes"]]
     assert failed[0]["where"] == "initial v, run 2"
     diverged = changed(sampled(), "sample_stats/diverging", lambda v: v[0].__setitem__(slice(2), True))
-    assert [(g["gate"], g["value"]) for g in numbers.convergence_diagnostics(diverged) if not g["holds"]] == [
+    assert [(g["diagnostic"], g["value"]) for g in numbers.convergence_diagnostics(diverged) if not g["passes"]] == [
         ("divergences", 2.0)
     ]
 
@@ -125,13 +125,13 @@ def test_directions_are_those_of_the_fit():
     along, exact = d.directions(short_posterior()), fitted_identifiability(short_mode().choice.fit)
     assert abs(along.attrs["n_unknown"] - exact.sizes["direction"]) <= 2
     assert along.attrs["n_effective"] == pytest.approx(53 - (1.0 - exact["contraction"].values).sum(), abs=1.5)
-    assert (np.diff(along["share"].values) <= 0.0).all()
+    assert (np.diff(along["remaining_variance"].values) <= 0.0).all()
 
 
 def test_draws_of_the_prior_leave_every_direction_unknown():
     """A tenth as many coefficients as draws: sample eigenvalues would spread from 0.4 to 1.9, these do not."""
     tree = scattered(short_posterior(), 1.0)
-    share = d.directions(tree)["share"].values
+    share = d.directions(tree)["remaining_variance"].values
     sampling_error = np.sqrt(2.0 / 200)
     assert np.abs(share - 1.0).max() < 4.0 * sampling_error
     scaled = tree["posterior"]["coefficients"].values.reshape(400, -1) / tree["constant_data"]["prior_sd"].values
@@ -145,8 +145,8 @@ def test_the_loadings_name_the_one_direction_that_is_left():
     along = d.directions(scattered(short_posterior(), spread))
     name = short_posterior()["posterior"]["coefficient"].values[20]
     assert along.attrs["n_unknown"] == 1
-    assert along["share"][0] == pytest.approx(0.81, rel=0.3)
-    assert along["share"][1] < 1e-3 < UNKNOWN
+    assert along["remaining_variance"][0] == pytest.approx(0.81, rel=0.3)
+    assert along["remaining_variance"][1] < 1e-3 < UNKNOWN
     assert str(along["text"].values[0]).startswith(f"+1.00 {name} ")
 
 

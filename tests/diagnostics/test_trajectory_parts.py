@@ -117,7 +117,7 @@ def test_the_verdict_without_records_and_prior_says_so():
     assert lines[4] == "The residuals are not known: the tree has no observed_data/response."
 
 
-def test_the_verdict_on_a_sampler_names_its_gates_and_no_khat():
+def test_the_verdict_on_a_sampler_names_its_diagnostics_and_no_khat():
     lines = TRAJECTORIES.verdict(section(sampled()))
     assert (lines[0], len(lines)) == ("All convergence diagnostics pass.", 6)
     assert "k-hat" not in " ".join(lines)
@@ -254,7 +254,7 @@ def test_regressions_and_trajectories_share_a_page(tmp_path):
 
 
 @pytest.mark.parametrize("khat", [0.3, 0.85])
-def test_a_failing_gate_is_status_3_and_the_page_is_written(monkeypatch, tmp_path, capsys, khat):
+def test_a_failing_diagnostic_is_status_3_and_the_page_is_written(monkeypatch, tmp_path, capsys, khat):
     bare = replace(TRAJECTORIES, parts=lambda *args: [])
     monkeypatch.setattr(page_module, "posterior_kind", lambda tree: bare)
     tree = with_attrs(short_posterior(), pareto_khat=khat)

@@ -27,37 +27,33 @@ _SAMPLE = ("chain", "draw")
 def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> xr.Dataset:
     """Compare draws with the exact posterior of the same data and prior.
 
-    A z-score is the error of an estimate over its Monte Carlo standard error, estimated from the chains. For a
-    quantile it is the share of draws below the exact one against its probability, which needs no density. The limit
-    on every ``|z|`` is the two-sided normal quantile at ``LEVEL`` over the number of comparisons; the normal law behind
-    it asks for some hundred effective draws.
+    A z-score is the error of an estimate over its Monte Carlo standard error; for a quantile, of the fraction of draws
+    below it. The limit on every ``|z|`` is the two-sided normal quantile at ``LEVEL`` over the number of comparisons.
 
     Parameters
     ----------
     exact : NormalInverseGamma or NormalMixture
-        As a prior's ``exact`` gives it; anything with ``mean`` and ``sd``, shape
-        (n_terms,), ``noise_variance_mean`` and ``noise_variance_sd``. Quantiles are compared where it has ``quantiles``
-        and ``noise_variance_quantiles``.
+        From a prior's ``exact``, or anything with ``mean`` and ``sd``, shape (n_terms,), ``noise_variance_mean`` and
+        ``noise_variance_sd``; quantiles are compared where it has ``quantiles`` and ``noise_variance_quantiles``.
     posteriors : mapping of str to DataTree
-        Posteriors by the name of their method, laid out by :func:`~pymc_ship.inference.regression.tree.draws_tree` or,
-        where they are of a model of your own, by :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`. The
-        noise variance is compared where all have it.
+        Posteriors by the name of their method, from :func:`~pymc_ship.inference.regression.tree.draws_tree` or
+        :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`. The noise variance is compared where all
+        have it.
 
     Returns
     -------
     Dataset
-        Dims method, quantity (every coefficient and ``"noise_variance"``) and probability; as ``sel`` of xarray has an
-        argument of that name, one method is ``table.sel({"method": "nuts"})``. ``exact_mean``,
-        ``exact_sd``, ``exact_quantile``; ``mean``, ``sd``, ``mcse_mean``, ``mcse_sd``, ``share_below``; ``z_mean``,
-        ``z_sd``, ``z_quantile``; ``r_hat``, ``ess_bulk``, ``ess_tail``; per method ``divergences`` (NaN for a sampler
-        that knows none), ``largest_z`` and ``agrees``: every z within ``attrs["z_limit"]``, R-hat at most 1.01 and no
-        divergence. ``attrs["verdict"]`` says it in words.
+        Dims method, quantity (every coefficient and ``"noise_variance"``) and probability; select one method with
+        ``table.sel({"method": "nuts"})``. ``exact_mean``, ``exact_sd``, ``exact_quantile``; ``mean``, ``sd``,
+        ``mcse_mean``, ``mcse_sd``, ``share_below``; ``z_mean``, ``z_sd``, ``z_quantile``; ``r_hat``, ``ess_bulk``,
+        ``ess_tail``; per method ``divergences`` (NaN where unknown), ``largest_z`` and ``agrees``: every z within
+        ``attrs["z_limit"]``, R-hat at most 1.01 and no divergence. ``attrs["verdict"]`` is the sentence on them.
 
     Raises
     ------
     ValueError
-        When there is no posterior, one holds other coefficients than the rest or the exact posterior, or one is of
-        errors that are not normal.
+        Without a posterior, for other coefficients than those of the exact posterior, or for errors that are not
+        normal.
 
     References
     ----------
@@ -78,8 +74,8 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     True
     """
     names = _coefficient_names(exact, posteriors)
-    known = all("noise_variance" in tree["posterior"].dataset for tree in posteriors.values())
-    exact_values = _exact_values(exact, [*names, *(["noise_variance"] if known else [])])
+    has_noise = all("noise_variance" in tree["posterior"].dataset for tree in posteriors.values())
+    exact_values = _exact_values(exact, [*names, *(["noise_variance"] if has_noise else [])])
     rows = [_compare(tree, exact_values) for tree in posteriors.values()]
     table = xr.concat(rows, xr.DataArray(list(posteriors), dims="method", name="method"))
     return _with_verdict(xr.merge([exact_values, table]))
@@ -92,17 +88,17 @@ def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTr
         method: list(tree["posterior"].dataset["coefficient"].values) for method, tree in posteriors.items()
     }
     names = list(getattr(exact, "coefficients", next(iter(names_by_method.values()))))
-    for method, given in names_by_method.items():
+    for method, coefficients in names_by_method.items():
         if errors_of(posteriors[method]) != "normal":
             raise ValueError(
                 "An agreement compares with the exact posterior, which is of normal errors, found "
                 f"{errors_of(posteriors[method])} errors in "
                 f"{method!r}; leave it out."
             )
-        if given != names or len(given) != len(exact.mean):
+        if coefficients != names or len(coefficients) != len(exact.mean):
             raise ValueError(
                 f"All posteriors must hold the {len(exact.mean)} coefficients of the exact one in its order, found "
-                f"{', '.join(given)} in {method!r}; compare posteriors of the same data."
+                f"{', '.join(coefficients)} in {method!r}; compare posteriors of the same data."
             )
     return names
 
@@ -115,8 +111,8 @@ def _exact_values(exact: ExactPosterior, quantities: list[str]) -> xr.Dataset:
     coords: dict[str, Any] = {"quantity": quantities}
     if hasattr(exact, "quantiles") and hasattr(exact, "noise_variance_quantiles"):
         probabilities = np.array(PROBABILITIES)
-        of_noise = exact.noise_variance_quantiles(probabilities)
-        quantiles = np.column_stack([exact.quantiles(probabilities), of_noise])[:, : len(quantities)]
+        noise_quantiles = exact.noise_variance_quantiles(probabilities)
+        quantiles = np.column_stack([exact.quantiles(probabilities), noise_quantiles])[:, : len(quantities)]
         values["exact_quantile"] = (("probability", "quantity"), quantiles)
         coords["probability"] = probabilities
     return xr.Dataset(values, coords)
@@ -124,7 +120,7 @@ def _exact_values(exact: ExactPosterior, quantities: list[str]) -> xr.Dataset:
 
 @np.errstate(divide="ignore", invalid="ignore")
 def _compare(tree: xr.DataTree, exact: xr.Dataset) -> xr.Dataset:
-    """Estimates, z-scores and diagnostics of one posterior; a chain that stands still has z-scores infinite or NaN."""
+    """Estimates, z-scores and diagnostics of one posterior; z-scores are infinite or NaN for constant chains."""
     import arviz as az
 
     draws = quantities(tree).sel(quantity=exact["quantity"])
@@ -160,7 +156,6 @@ def _with_verdict(table: xr.Dataset) -> xr.Dataset:
 
 
 def _verdict_text(one: xr.Dataset) -> str:
-    """Verdict on one method."""
     r_hat, count = float(one["r_hat"].max(skipna=False)), float(one["divergences"])
     counted = "" if np.isnan(count) else f", divergences {count:.0f}"
     numbers = f"largest |z| {float(one['largest_z']):.1f}, largest R-hat {r_hat:.4f}{counted}"
@@ -175,7 +170,7 @@ class Comparison:
     ----------
     name : str
     trees : mapping of str to DataTree
-        Draws by the name of their method; the first are those whose posterior is reported, the exact ones where given.
+        Draws by method; the posterior of the first is reported, the exact one where given.
     agreement : Dataset or None
         Of the other methods with the exact posterior, from :func:`agreement`.
     """
@@ -203,11 +198,11 @@ class Comparison:
     def failed_diagnostics(self) -> list[str]:
         """Sentences on the convergence diagnostics that fail."""
         return [
-            f"{f'{method}: ' if len(self.trees) > 1 else ''}{gate['gate']} {_value(gate['value'])} ({gate['where']}), "
-            f"to be {gate['limit']}"
+            f"{f'{method}: ' if len(self.trees) > 1 else ''}{row['diagnostic']} {_value(row['value'])} "
+            f"({row['where']}), to be {row['limit']}"
             for method, rows in self.convergence_diagnostics.items()
-            for gate in rows
-            if not gate["holds"]
+            for row in rows
+            if not row["passes"]
         ]
 
     @property
@@ -236,7 +231,7 @@ def comparisons(trees: Mapping[str, xr.DataTree]) -> list[Comparison]:
 
 
 def _same_posterior(exact: xr.DataTree, other: xr.DataTree) -> bool:
-    """Whether draws are meant to be of the posterior that the exact ones are of."""
+    """Whether two trees have the same data, prior and coefficients, and normal errors."""
     if errors_of(other) != "normal" or missing(exact, *DESIGN) or missing(other, *DESIGN):
         return False
     labels = all(exact.attrs[key] == other.attrs[key] for key in ("vessel", "dof", "prior", "scaling"))

@@ -1,4 +1,4 @@
-"""Figures of the diagnostic report: a posterior and its numbers -> matplotlib figures. Fits nothing."""
+"""Figures of the diagnostic page."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def chosen_draws(tree: xr.DataTree, names: Sequence[str]) -> xr.DataTree:
 
 
 def arviz_figure(plot: str, subject: object, size: tuple[float, float], **settings: Any) -> Figure:
-    """Draw a plot of ArviZ in the house style, of a size in inches; pyplot forgets the figure."""
+    """Plot of ArviZ in the house style, closed in pyplot; ``size`` in inches."""
     import arviz as az
     import matplotlib.pyplot as plt
 
@@ -100,9 +100,7 @@ def energy(tree: xr.DataTree) -> Figure:
 def forest(tree: xr.DataTree, reference: np.ndarray | None, published: Mapping[str, np.ndarray]) -> Figure:
     """Equal-tailed 50 and 95 % intervals of every coefficient with its mean.
 
-    With reference values each coefficient is divided by its own, so 1 is the reference and the published estimates
-    stand beside it; coefficients whose reference is zero are left out. Without, it is divided by its posterior
-    standard deviation.
+    Each coefficient is divided by its reference value (those of zero are left out), without one by its posterior sd.
     """
     draws = tree["posterior"].dataset["coefficients"]
     if reference is None:
@@ -123,9 +121,9 @@ def forest(tree: xr.DataTree, reference: np.ndarray | None, published: Mapping[s
 
 
 def forest_of(draws: xr.DataArray) -> tuple[Figure, Axes, np.ndarray]:
-    """Forest of draws, dims (chain, draw, coefficient), with equal-tailed 50 and 95 % intervals and means.
+    """Forest of draws, dims (chain, draw, coefficient), its axes, and the height of each coefficient's row.
 
-    Linear between -3 and 3 and logarithmic beyond; with it come the axes and the height of each coefficient's row.
+    Intervals are equal-tailed, 50 and 95 %; the axis is linear between -3 and 3 and logarithmic beyond.
     """
     shown = draws.rename("coefficients")
     relative, size = xr.DataTree.from_dict({"posterior": shown.to_dataset()}), (8.0, 0.9 + 0.24 * shown.shape[-1])
@@ -145,7 +143,7 @@ def forest_of(draws: xr.DataArray) -> tuple[Figure, Axes, np.ndarray]:
 
 
 def _heights(ax: Axes, means: np.ndarray) -> np.ndarray:
-    """Height of each coefficient's row in a forest, read from where its mean stands."""
+    """Height of each coefficient's row in a forest, read from the marker of its mean."""
     points = [np.asarray(c.get_offsets(), dtype=float) for c in ax.collections]
     lines = [np.column_stack([line.get_xdata(), line.get_ydata()]) for line in ax.lines]
     drawn = np.vstack([p for p in [*points, *(line for line in lines if len(line) == 1)] if p.size])
@@ -205,7 +203,7 @@ def correlation(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Figure:
 
 
 def _part(ax: Axes, dofs: np.ndarray) -> None:
-    """Part the rows and columns of a heat map where the DOF of its coefficients changes."""
+    """Draw lines in a heat map where the degree of freedom of the coefficients changes."""
     edges = np.flatnonzero(dofs[1:] != dofs[:-1]) + 0.5
     middles, names = 0.5 * (np.append(-0.5, edges) + np.append(edges, dofs.size - 0.5)), list(dict.fromkeys(dofs))
     ax.set_xticks(middles, names)

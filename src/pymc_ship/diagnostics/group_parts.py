@@ -1,4 +1,4 @@
-"""Part of a section of the diagnostic page: what differs between the groups of a hierarchical posterior."""
+"""Part on the differences between the groups of a hierarchical posterior."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _COLOURS = (BLUE, RUST, "#3a8f4d", "#8a5fbf", "#c08a1e", "#4d4d4d")
 
 
 def group_differences(tree: xr.DataTree) -> xr.Dataset:
-    """Differences of every coefficient between two groups, the second taken from the first.
+    """Differences of every coefficient between two groups, the first minus the second.
 
     Parameters
     ----------
@@ -28,8 +28,8 @@ def group_differences(tree: xr.DataTree) -> xr.Dataset:
     Returns
     -------
     Dataset, dims (pair, coefficient)
-        ``mean``, ``sd``, ``lower`` and ``upper`` (equal-tailed 95 %), prime values, and the flag ``differs``: the
-        interval does not hold zero.
+        ``mean``, ``sd``, ``lower`` and ``upper`` (equal-tailed 95 %), prime values, and the flag ``differs``: zero lies
+        outside the interval.
     """
     draws = tree["posterior"].dataset["group_coefficients"]
     pairs = list(combinations(draws["group"].values.tolist(), 2))
@@ -41,7 +41,7 @@ def group_differences(tree: xr.DataTree) -> xr.Dataset:
 
 
 def groups_part(tree: xr.DataTree) -> list[Part]:
-    """What differs between groups, for a posterior that has groups; nothing for others."""
+    """Differences between the groups of a hierarchical posterior; empty for other posteriors."""
     if not has(tree, "posterior/group_coefficients"):
         return []
     differences, draws = group_differences(tree), tree["posterior"].dataset["group_coefficients"]
@@ -69,7 +69,6 @@ def groups_part(tree: xr.DataTree) -> list[Part]:
 
 
 def _convergence_text(tree: xr.DataTree) -> str:
-    """Whether the chains of the groups have mixed."""
     import arviz as az
 
     posterior = tree["posterior"].dataset[["group_coefficients", "group_sd"]]
@@ -106,7 +105,7 @@ def _table(tree: xr.DataTree, differences: xr.Dataset) -> Table:
 
 @house_style
 def _figure(draws: xr.DataArray) -> Figure:
-    """Every group's interval of each coefficient, about the mean over groups, in units of its sd."""
+    """Interval of each coefficient in every group, about the mean over groups, in units of its sd."""
     middle = draws.mean("group")
     unit = middle.std(_SAMPLE, ddof=1)
     scaled = (draws - middle.mean(_SAMPLE)) / unit

@@ -48,7 +48,7 @@ _SAMPLE = ("chain", "draw")
 
 
 def check_draws(tree: xr.DataTree, name: str, required: Mapping[str, tuple], attrs: Sequence[str]) -> None:
-    """Raise a ValueError when a tree lacks draws of some dims, or attrs, or its draws are few or not finite."""
+    """Raise a ValueError when draws or attrs are missing, or the draws are fewer than four a chain or not finite."""
     draws = tree["posterior"].dataset if "posterior" in tree.children else xr.Dataset()
     lacking = [key for key, dims in required.items() if key not in draws or draws[key].dims != dims]
     lacking += [f"attrs[{key!r}]" for key in attrs if key not in tree.attrs]
@@ -64,21 +64,18 @@ def check_draws(tree: xr.DataTree, name: str, required: Mapping[str, tuple], att
 
 
 def has(tree: xr.DataTree, path: str) -> bool:
-    """Whether a tree has a variable, given as ``"group/variable"``."""
+    """Whether a tree has a variable ``"group/variable"``."""
     group, variable = path.split("/")
     return group in tree.children and variable in tree[group].dataset
 
 
 def missing(tree: xr.DataTree, *wanted: str) -> list[str]:
-    """Those of the wanted variables (``"log_likelihood/response"``) that a tree does not have."""
+    """Those variables ``"group/variable"`` that a tree does not have."""
     return [path for path in wanted if not has(tree, path)]
 
 
 def quantities(tree: xr.DataTree) -> xr.DataArray:
-    """Draws of all estimated quantities, dims (chain, draw, quantity).
-
-    Coefficients; noise variance of a regression; initial states and sensor offsets of the runs of a trajectory fit.
-    """
+    """Draws of coefficients, noise variance, initial states and sensor offsets, dims (chain, draw, quantity)."""
     posterior = tree["posterior"].dataset
     values = [posterior["coefficients"].transpose(*_SAMPLE, "coefficient").values]
     names = [str(name) for name in posterior["coefficient"].values]
@@ -98,13 +95,9 @@ def quantities(tree: xr.DataTree) -> xr.DataArray:
 
 @np.errstate(divide="ignore", invalid="ignore")
 def summary(tree: xr.DataTree) -> xr.Dataset:
-    """Mean, sd, equal-tailed interval, MCSE, R-hat and effective sample sizes of :func:`quantities`.
+    """Dataset of :func:`quantities`, dims (quantity,): mean, sd, interval, MCSE, R-hat (NaN for one chain) and ESS.
 
-    Returns
-    -------
-    Dataset, dims (quantity,)
-        ``mean``, ``sd``, ``lower``, ``upper``, ``mcse_mean``, ``mcse_sd``, ``r_hat``, ``ess_bulk``, ``ess_tail``;
-        ``attrs["ci_prob"]``. R-hat is NaN for a single chain.
+    ``mean``, ``sd``, ``lower``, ``upper``, ``mcse_mean``, ``mcse_sd``, ``r_hat``, ``ess_bulk``, ``ess_tail``.
     """
     import arviz as az
 
@@ -127,9 +120,8 @@ def summary(tree: xr.DataTree) -> xr.Dataset:
 def convergence_diagnostics(tree: xr.DataTree) -> list[dict]:
     """Convergence diagnostics: name, worst value, where, limit, and whether it passes.
 
-    Independent draws of a normal approximation have one, Pareto k-hat. Chains have R-hat below 1.01 and bulk and
-    tail ESS above 400 for every one of :func:`quantities`; where ``sample_stats`` has ``diverging`` and ``energy``,
-    also no divergence and E-BFMI above 0.3. NaN (a single chain, one that stands still) fails.
+    Pareto k-hat for independent draws of a normal approximation. R-hat, bulk and tail ESS of every one of
+    :func:`quantities` for chains, and from ``sample_stats`` divergences and E-BFMI. NaN fails.
     """
     if "pareto_khat" in tree.attrs:
         khat = float(tree.attrs["pareto_khat"])
@@ -166,8 +158,8 @@ def _chain_diagnostics(tree: xr.DataTree) -> list[dict]:
     return results
 
 
-def _diagnostic(label: str, value: float, where: str, limit: str, holds: bool) -> dict:
-    return {"gate": label, "value": value, "where": where, "limit": limit, "holds": bool(holds)}
+def _diagnostic(label: str, value: float, where: str, limit: str, passes: bool) -> dict:
+    return {"diagnostic": label, "value": value, "where": where, "limit": limit, "passes": bool(passes)}
 
 
 def correlation(tree: xr.DataTree) -> xr.DataArray:
@@ -197,15 +189,10 @@ def autocorrelation(values: np.ndarray, lags: int) -> np.ndarray:
 
 
 def whiteness(values: np.ndarray) -> dict[str, float]:
-    """Ljung-Box test that a series is white noise.
+    """Ljung-Box test that a series is white noise: ``r1``, ``lags``, ``statistic``, ``p_value`` and ``band``.
 
-    Q = n (n + 2) sum r_k^2/(n - k) over h = min(10, n/5) lags, held against chi-square of h degrees of freedom; for
-    residuals of a regression that is the usual approximation.
-
-    Returns
-    -------
-    dict
-        ``r1``, ``lags``, ``statistic``, ``p_value`` and ``band``, the half width 1.96/sqrt(n) of the white-noise band.
+    Q = n (n + 2) sum r_k^2/(n - k) over h = min(10, n/5) lags is compared with chi-square of h degrees of freedom;
+    ``band`` is 1.96/sqrt(n), half the width of the white-noise band.
 
     Raises
     ------
@@ -269,15 +256,11 @@ def _sensitivity_diagnosis(prior: float, likelihood: float) -> str:
 
 
 def narrowing(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
-    """Contraction of each coefficient from prior to posterior, and which coefficients the data determine.
+    """Contraction of each coefficient, 1 - (posterior variance)/(prior variance), and which ones the data determine.
 
-    The contraction is 1 - (posterior variance)/(prior variance), 1 under a flat prior. A coefficient is determined when
-    it exceeds 0.9 and the mean lies more than 1.96 posterior standard deviations from zero.
-
-    Returns
-    -------
-    Dataset, dims (coefficient,)
-        ``mean``, ``sd``, ``prior_sd``, ``contraction`` and the flags ``narrowed``, ``determined``.
+    A coefficient is determined when the contraction exceeds 0.9 and the mean lies more than 1.96 posterior standard
+    deviations from zero. Dims (coefficient,): ``mean``, ``sd``, ``prior_sd``, ``contraction``, ``narrowed``,
+    ``determined``.
     """
     mean, sd = draws.mean(_SAMPLE), draws.std(_SAMPLE, ddof=1)
     shrunk = 1.0 - (sd / prior_sd) ** 2
@@ -287,12 +270,12 @@ def narrowing(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
 
 
 def evidence_words(results: xr.Dataset) -> np.ndarray:
-    """Word for each coefficient of a contraction: "determined", "not from zero" or "prior", shape (n_coefficients,)."""
+    """Word on each coefficient of :func:`narrowing`: "determined", "not from zero" or "prior"."""
     return np.where(results["determined"], "determined", np.where(results["narrowed"], "not from zero", "prior"))
 
 
 def loadings(vector: np.ndarray, names: Sequence[str], count: int) -> str:
-    """The largest loadings of a direction with their names, turned so that the largest is positive."""
+    """The largest loadings of a direction with their names; the sign makes the largest positive."""
     order = np.argsort(-np.abs(vector))[:count]
     turned = vector * np.sign(vector[order[0]])
     return " ".join(f"{turned[k]:+.2f} {names[k]}" for k in order)

@@ -63,10 +63,9 @@ def diagnostic_report(
     Parameters
     ----------
     trees : mapping of str to DataTree
-        Posteriors by the name of their section, of regressions or of whole trajectories, from
-        :func:`~pymc_ship.inference.regression.tree.read_posterior` or a function that draws one. A part whose groups a
-        tree does not have says so in one sentence. Draws of the data and prior of an exact posterior that is given,
-        too, share its section and are compared with it.
+        Posteriors by the name of their section, from
+        :func:`~pymc_ship.inference.regression.tree.read_posterior` or a function that draws one. Draws of the data and
+        prior of an exact posterior are compared with it in one section.
     out : str or Path
         Folder of the page; created where it is missing.
     vessel : Vessel, str or Path, optional
@@ -98,7 +97,7 @@ def diagnostic_report(
 def write_diagnostics(
     compared: Sequence[Comparison], out: Path, ship: Vessel | None, *, seed: int, progress: Callable[[str], None]
 ) -> Path:
-    """Write the report of compared posteriors to a folder; parameters and errors as :func:`diagnostic_report`."""
+    """Write the report of compared posteriors to a folder."""
     return write_page(PAGE, out, diagnostic_content(compared, ship, seed=seed, progress=progress))
 
 
@@ -129,7 +128,7 @@ def diagnostic_content(
 
 
 def _overview(compared: Sequence[Comparison]) -> Table:
-    """One row a posterior: convergence, agreement, and what determines its coefficients."""
+    """One row for each posterior: convergence, agreement, and what determines its coefficients."""
     rows = []
     for one in compared:
         contraction = posterior_kind(one.posterior).contraction(one.posterior)

@@ -14,6 +14,7 @@ from pymc_ship.diagnostics import figures, numbers
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, SD_LIMIT
 from pymc_ship.diagnostics.tables import ENDS
+from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.pages.tables import Table, fixed_point, heads, number, percent, table
@@ -52,15 +53,12 @@ EVIDENCE_WORDS = (
 
 @dataclass(frozen=True)
 class PosteriorKind:
-    """A kind of posterior and the sections of its page.
-
-    A new kind of posterior is one file that makes its ``PosteriorKind``, and one entry in
-    :data:`pymc_ship.diagnostics.page.POSTERIOR_KINDS`.
+    """A kind of posterior and the sections of its page, listed in :data:`pymc_ship.diagnostics.page.POSTERIOR_KINDS`.
 
     Attributes
     ----------
     check : callable
-        (tree, name): raises a ValueError for a tree that is no such posterior.
+        (tree, name): raises a ValueError for a tree of another kind.
     coefficient_names : callable
         (vessel, tree): names of its coefficients, in order.
     verdict, origin : callable
@@ -69,10 +67,8 @@ class PosteriorKind:
         (comparison, vessel or None, generator): every part of a section, in order.
     contraction : callable
         (tree): contraction of the coefficients, or None where the tree lacks its prior or data.
-    defaults : str
-        Limits of such a section, beyond those of all sections.
-    sources : tuple of str
-        Literature of such a section, beyond that of all sections.
+    defaults, sources
+        Limits and literature of such a section, beyond those of all sections.
     """
 
     check: Callable[[xr.DataTree, str], None]
@@ -100,6 +96,19 @@ def record_remarks(tree: xr.DataTree) -> list[str]:
     return tree.attrs.get("record_remarks", "").splitlines()
 
 
+def convergence_sentence(one: Comparison) -> str:
+    """Sentence on the convergence diagnostics of all methods."""
+    if failed := one.failed_diagnostics:
+        return f"A convergence diagnostic fails: {'; '.join(failed)}. Do not rely on the numbers below."
+    return "All convergence diagnostics pass."
+
+
+def published_estimates(ship: Vessel | None, dof: str) -> dict[str, np.ndarray]:
+    """Published estimates of a degree of freedom by prior family; families without any are left out."""
+    estimates = {family: ship.published_estimates(dof, family) for family in FAMILIES} if ship else {}
+    return {family: values for family, values in estimates.items() if np.isfinite(values).any()}
+
+
 def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
     """Sentence on the missing variables; empty where all are there."""
     lacking = numbers.missing(tree, *wanted)
@@ -109,12 +118,12 @@ def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
 def diagnostics_table(one: Comparison) -> Table:
     """Worst value of every convergence diagnostic of each method, and its limit."""
     columns = heads(str, method="method") if len(one.trees) > 1 else {}
-    columns |= heads(str, gate="diagnostic") | heads(number(4), value="value")
+    columns |= heads(str, diagnostic="diagnostic") | heads(number(4), value="value")
     columns |= heads(str, where="of", limit="limit", judged="passes")
     rows = [
-        {"method": method, **gate, "judged": "yes" if gate["holds"] else "no"}
-        for method, convergence_diagnostics in one.convergence_diagnostics.items()
-        for gate in convergence_diagnostics
+        {"method": method, **row, "judged": "yes" if row["passes"] else "no"}
+        for method, diagnostics in one.convergence_diagnostics.items()
+        for row in diagnostics
     ]
     return table(rows, columns)
 
@@ -159,7 +168,7 @@ def energy_part(tree: xr.DataTree) -> Part:
 
 
 def correlation_part(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Part:
-    """The strongest posterior correlations, the draws of the first pair, and a heat map of all, parted by ``dofs``."""
+    """Strongest posterior correlations, draws of the first pair, and a heat map with lines between ``dofs``."""
     title, pairs = "Correlation of the coefficients", numbers.correlated_pairs(tree)
     if not pairs or pairs[0]["correlation"] == 0.0:
         return Part(title, "Not shown: there is no pair of coefficients that vary.")
@@ -195,7 +204,7 @@ def ships_part(
 ) -> Part:
     """Draws of prior and posterior in the standard manoeuvres: how they end, and bands of their indices.
 
-    The degrees of freedom that a regression does not have keep the vessel's reference values on both sides.
+    Degrees of freedom outside the regression have the vessel's reference values under both.
     """
     if ship is None:
         return Part(SHIPS_TITLE, "Not shown: the simulation needs a vessel; give it by --vessel.")

@@ -24,7 +24,7 @@ _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
 
 
 def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
-    """Raise a ValueError that says what a tree lacks to be a posterior of this package."""
+    """Raise a ValueError that names what a tree lacks to be a posterior of a regression."""
     check_draws(tree, name, REQUIRED | (_NOISE if numbers.has(tree, "posterior/noise_variance") else {}), _ATTRS)
     try:
         prior_of(tree)
@@ -84,8 +84,8 @@ def data_of(tree: xr.DataTree) -> RegressionData:
 def contraction(tree: xr.DataTree) -> xr.Dataset:
     """:func:`~pymc_ship.diagnostics.numbers.narrowing` of a regression, on the original scale.
 
-    A prior variance that depends on sigma2, as in the conjugate family, is taken at the posterior mean of sigma2. For a
-    model with its own prior it is the variance of a normal prior with the same central 95 %.
+    A prior variance proportional to sigma2 is taken at the posterior mean of sigma2. For a model with its own prior it
+    is the variance of a normal prior with the same central 95 %.
     """
     data, draws = data_of(tree), tree["posterior"].dataset["coefficients"]
     _, T = data.transformation
@@ -107,16 +107,10 @@ def _prior_variance(tree: xr.DataTree, data: RegressionData) -> np.ndarray:
 
 
 def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
-    """Directions of the scaled design from the weakest to the strongest.
+    """Directions of the scaled design from the weakest: ``singular_value``, ``data_precision``, ``direction``.
 
-    The columns are weighted with the prior standard deviations, so that the prior is round; the data's share of the
-    posterior precision along a direction of singular value s is s^2/(s^2 + sigma2), at the posterior mean of sigma2.
-    A direction whose share does not exceed 0.9 follows the prior.
-
-    Returns
-    -------
-    list of dict
-        ``singular_value`` (of the weighted design over sigma), ``share`` and ``direction``, the largest loadings.
+    The columns are multiplied by the prior sd. The data's share of the posterior precision along a direction of
+    singular value s (of that design over sigma) is s^2/(s^2 + 1), at the posterior mean of sigma2.
     """
     data = data_of(tree)
     sigma2 = _scaled_noise_variance(tree, data)
@@ -126,7 +120,9 @@ def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
     rows = []
     for value, vector in zip(s[::-1], right[::-1], strict=True):
         text = numbers.loadings(vector, data.coefficients, loadings)
-        rows.append({"singular_value": float(value), "share": float(value**2 / (value**2 + 1.0)), "direction": text})
+        rows.append(
+            {"singular_value": float(value), "data_precision": float(value**2 / (value**2 + 1.0)), "direction": text}
+        )
     return rows
 
 
@@ -138,7 +134,7 @@ def residuals(tree: xr.DataTree) -> xr.DataArray:
 
 
 def loo_pit_coverage(tree: xr.DataTree, probabilities: tuple[float, ...] = (0.5, CI_PROB)) -> list[float]:
-    """Share of the rows inside central leave-one-out intervals; needs log_likelihood and posterior_predictive."""
+    """Fraction of the rows inside central leave-one-out intervals; needs log_likelihood and posterior_predictive."""
     import arviz as az
 
     with warnings.catch_warnings():
@@ -149,7 +145,7 @@ def loo_pit_coverage(tree: xr.DataTree, probabilities: tuple[float, ...] = (0.5,
 
 
 def with_posterior_predictive(tree: xr.DataTree, rng: np.random.Generator) -> xr.DataTree:
-    """Copy of a posterior that has posterior_predictive, drawn from its own draws and design where it had none."""
+    """The posterior with posterior_predictive, drawn from its draws and design where it has none."""
     if has(tree, "posterior_predictive/response"):
         return tree
     drawn = predictive(data_of(tree), tree["posterior"].to_dataset(), rng=rng, errors=errors_of(tree))
@@ -158,7 +154,7 @@ def with_posterior_predictive(tree: xr.DataTree, rng: np.random.Generator) -> xr
 
 
 def prior_noise_variance(tree: xr.DataTree, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Draws of sigma2 from the prior, on the scale of the original response; those a tree holds for one of its own."""
+    """Draws of sigma2 from the prior, on the scale of the original response; the stored ones of a model's own prior."""
     prior = prior_of(tree)
     if prior is None:
         return tree["prior"].dataset["noise_variance"].values.ravel()

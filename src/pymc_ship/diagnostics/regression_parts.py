@@ -1,4 +1,4 @@
-"""Parts of the section on a regression: the first method gives the posterior, the sampler gives the chains."""
+"""Parts of the section on a regression: numbers of the first method, chains of the sampler."""
 
 from __future__ import annotations
 
@@ -33,9 +33,7 @@ _PRIME = "Prime values times 1e5 (σ² times 1e10)"
 
 def _verdict(one: Comparison) -> list[str]:
     """Sentences at the head: convergence, agreement, contraction and whiteness of the residuals."""
-    lines = ["All convergence diagnostics pass."]
-    if failed := one.failed_diagnostics:
-        lines = [f"A convergence diagnostic fails: {'; '.join(failed)}. Do not rely on the numbers below."]
+    lines = [parts.convergence_sentence(one)]
     if one.agreement is not None:
         lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
     tree = one.posterior
@@ -86,7 +84,7 @@ def _plain(value: float | list) -> str:
 
 
 def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
-    """Every part of a section, in order; a part whose variables the tree lacks says so."""
+    """Every part of a section, in order."""
     tree, chains = one.posterior, one.trees[one.sampler]
     return [
         _convergence(one),
@@ -135,8 +133,7 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     dof, summary = tree.attrs["dof"], numbers.summary(tree)
     narrowing = _known_contraction(tree)
     reference = ship.coefficients(dof).values if ship else None
-    published = {family: ship.published_estimates(dof, family) for family in FAMILIES} if ship else {}
-    published = {family: values for family, values in published.items() if np.isfinite(values).any()}
+    published = parts.published_estimates(ship, dof)
     marks = {} if reference is None else {"reference": reference}
     marks |= {f"publ. {family}": values for family, values in published.items()}
     rows = coefficient_table(summary.rename(quantity="coefficient"), narrowing, marks)
@@ -165,7 +162,7 @@ def _known_contraction(tree: xr.DataTree) -> xr.Dataset | None:
 
 
 def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
-    """What contraction and judgement mean."""
+    """Meaning of the contraction and of the words on evidence."""
     if narrowing is None:
         return []
     own = regression.prior_of(tree) is None
@@ -175,7 +172,7 @@ def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
 
 
 def _reference_coverage(summary: xr.Dataset, reference: np.ndarray | None) -> list[str]:
-    """How many reference values the intervals hold."""
+    """How many reference values the intervals cover."""
     if reference is None:
         return []
     inside = int(np.sum((summary["lower"].values <= reference) & (reference <= summary["upper"].values)))
@@ -183,7 +180,7 @@ def _reference_coverage(summary: xr.Dataset, reference: np.ndarray | None) -> li
 
 
 def _quantities_to_draw(tree: xr.DataTree) -> list[str]:
-    """Quantities that are drawn: largest R-hat, the most correlated pair, the noise variance; those that vary."""
+    """Names of the largest R-hat, the most correlated pair and the noise variance, without those that are constant."""
     summary = numbers.summary(tree)
     names = [str(name) for name in summary["quantity"].values]
     pairs = numbers.correlated_pairs(tree, 1)
@@ -243,18 +240,18 @@ def _directions(tree: xr.DataTree) -> Part:
     if lacking := parts.missing_sentence(tree, *regression.required_variables(tree)):
         return Part(title, f"Not shown: {lacking}")
     rows = regression.singular_directions(tree)
-    open_ = sum(row["share"] <= CONTRACTION_LIMIT for row in rows)
+    n_open = sum(row["data_precision"] <= CONTRACTION_LIMIT for row in rows)
     condition = regression.data_of(tree).condition_number
     summary_text = (
-        f"leave {open_} of {len(rows)} directions to the prior" if open_ else f"determine all {len(rows)} directions"
+        f"leave {n_open} of {len(rows)} directions to the prior" if n_open else f"determine all {len(rows)} directions"
     )
     text = (
         f"The data {summary_text}; a direction is left to the prior where the data's share of the posterior precision "
         f"does not exceed {CONTRACTION_LIMIT:g}. The condition number of the scaled design is {_n(condition)}."
     )
-    columns = heads(_n, singular_value="singular value") | heads(fixed_point(4), share="share of the data")
+    columns = heads(_n, singular_value="singular value") | heads(fixed_point(4), data_precision="share of the data")
     columns |= heads(str, direction="largest loadings, scaled columns over prior sd")
-    shown = rows[: max(8, open_)]
+    shown = rows[: max(8, n_open)]
     caption = f"The {len(shown)} weakest directions of the design times prior sd over σ; share = s² / (s² + 1)."
     return Part(title, text, [(table(shown, columns), caption)])
 
@@ -311,7 +308,7 @@ def _sensitivity(tree: xr.DataTree) -> Part:
 
 
 def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Part:
-    """Ships of the prior: that of the tree's own group where there is one, otherwise that which it records."""
+    """Draws of the prior: the tree's own where it has them, otherwise of the recorded prior."""
     if numbers.has(tree, "prior/coefficients"):
         return parts.ships_part(tree, ship, {tree.attrs["dof"]: tree}, rng)
     prior, lacking = regression.prior_of(tree), parts.missing_sentence(tree, *regression.required_variables(tree))

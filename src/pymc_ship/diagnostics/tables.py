@@ -50,7 +50,7 @@ def agreement_rows(agreement: xr.Dataset) -> list[dict]:
 
 
 def agreement_table(agreement: xr.Dataset) -> Table:
-    """Exact mean and sd of every quantity and, for each method, its own with their z-scores; prime values times 1e5."""
+    """Exact mean and sd of every quantity; of each method mean, sd and their z-scores; prime values times 1e5."""
     n, z = number(4), fixed_point(2)
     methods = [str(method) for method in agreement["method"].values]
     rows = []
@@ -77,9 +77,9 @@ def agreement_table(agreement: xr.Dataset) -> Table:
 
 
 def coefficient_table(summary: xr.Dataset, narrowing: xr.Dataset | None, marks: Mapping[str, np.ndarray]) -> Table:
-    """Posterior of every coefficient beside other values and, where known, what determines it.
+    """Posterior of every coefficient with other values of it and, where known, what determines it.
 
-    The noise variance may follow the coefficients in ``summary``. Of a prior only a mean other than zero is shown.
+    The noise variance may follow the coefficients in ``summary``. A prior mean is shown only where one is not zero.
     """
     shown = {"prior_mean": "prior mean", "prior_sd": "prior sd", "mean": "mean", "sd": "sd"}
     shown |= {"lower": f"{50 - 50 * CI_PROB:g} %", "upper": f"{50 + 50 * CI_PROB:g} %"}
@@ -115,7 +115,7 @@ def chain_table(summary: xr.Dataset, *, errors: bool = True) -> Table:
 
 
 def _label_and_scale(quantity: str) -> tuple[str, float]:
-    """What a quantity is called in a table, and what its prime value is multiplied with there."""
+    """Label of a quantity in a table, and the factor on its prime value."""
     return ("σ²", 1e10) if quantity == "noise_variance" else (quantity, 1e5)
 
 

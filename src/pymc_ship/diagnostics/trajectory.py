@@ -1,4 +1,4 @@
-"""Contraction, directions and residuals by channel of the posterior of a trajectory fit."""
+"""Contraction, directions and residuals by channel of a trajectory fit."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _ATTRS = ("dof", "vessel", "prior", "integrator", "noise_model", "noise_sentence
 
 
 def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
-    """Raise a ValueError that says what a tree lacks to be a posterior of whole trajectories."""
+    """Raise a ValueError that names what a tree lacks to be a posterior of a trajectory fit."""
     needed = (*_ATTRS, *(["pareto_khat"] if tree.attrs["method"] == "trajectory" else []))
     check_draws(tree, name, {"coefficients": (*_SAMPLE, "coefficient")}, needed)
     try:
@@ -57,14 +57,14 @@ def contraction(tree: xr.DataTree) -> xr.Dataset:
 
 
 def prior_of(tree: xr.DataTree) -> CoefficientPrior:
-    """Prior that a posterior records, its factors tau included in the scale."""
+    """Prior of a posterior, its factors tau included in the scale."""
     recorded, sd = json.loads(tree.attrs["prior"]), tree["constant_data"].dataset["prior_sd"].values
     stated = np.zeros(sd.size, dtype=bool)
     return CoefficientPrior(np.array(recorded["mean"], dtype=float), sd, sd, stated, recorded["family"])
 
 
 def dofs(tree: xr.DataTree) -> list[str]:
-    """Degree of freedom of every coefficient, by the letter its name begins with; all are of a ship of parts."""
+    """Degree of freedom of every coefficient by its first letter; ``PARTS`` for a ship of parts."""
     letters = {letter: dof for dof, letter in LETTER.items()}
     begins = [str(name)[0] for name in tree["posterior"].dataset["coefficient"].values]
     return [PARTS] * len(begins) if not letters.keys() >= {*begins} else [letters[letter] for letter in begins]
@@ -74,13 +74,13 @@ def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
     """Directions of the coefficients, the least known first, with the remaining prior variance along each.
 
     Principal directions of one half of the draws, in prior standard deviations, and the variance of the other half
-    along them, which keeps the shares from being too extreme. Coefficients with a flat prior are left out.
+    along them, which is not too extreme. Coefficients with a flat prior are left out.
 
     Returns
     -------
     Dataset, dims (direction,)
-        ``share`` of the prior variance that is left, ``text`` with the largest loadings; attrs ``n_unknown``, the
-        directions that keep more than half of it, ``n_effective``, the sum of the contractions, and ``n_flat``.
+        ``remaining_variance``, relative to the prior, ``text`` with the largest loadings; attrs ``n_unknown``, the
+        directions with more than half of it, ``n_effective``, the sum of the contractions, and ``n_flat``.
 
     References
     ----------
@@ -93,25 +93,21 @@ def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
     draws = tree["posterior"].dataset["coefficients"].stack(sample=_SAMPLE).transpose("sample", "coefficient").values
     scaled = (draws[:, proper] - draws[:, proper].mean(axis=0)) / dataset["prior_sd"].values[proper]
     _, _, right = np.linalg.svd(scaled[::2], full_matrices=True)
-    share = np.var(scaled[1::2] @ right.T, axis=0, ddof=1)
-    order = np.argsort(-share, kind="stable")
+    remaining = np.var(scaled[1::2] @ right.T, axis=0, ddof=1)
+    order = np.argsort(-remaining, kind="stable")
     attrs = {
-        "n_unknown": int(np.sum(share > UNKNOWN)),
+        "n_unknown": int(np.sum(remaining > UNKNOWN)),
         "n_effective": float(dataset["contraction"].values[proper].sum()),
         "n_flat": int(np.sum(~proper)),
     }
     text = [numbers.loadings(right[k], names, loadings) for k in order]
-    return xr.Dataset({"share": ("direction", share[order]), "text": ("direction", text)}, attrs=attrs)
+    return xr.Dataset({"remaining_variance": ("direction", remaining[order]), "text": ("direction", text)}, attrs=attrs)
 
 
 def residuals(tree: xr.DataTree) -> xr.Dataset:
-    """Block means minus fitted motion and posterior mean offset, in standard deviations of a block.
+    """Block means minus fitted motion and posterior mean offset, in sd of a block, dims (row, channel).
 
-    Returns
-    -------
-    Dataset, dims (row, channel)
-        ``residual``, and ``white``, from which the autocorrelation of the noise model is taken; NaN where a run does
-        not have the channel.
+    ``residual``, and ``white`` without the autocorrelation of the noise model; NaN for channels that a run lacks.
     """
     constant, posterior = tree["constant_data"].dataset, tree["posterior"].dataset
     run, channels = constant["run"].values, constant["channel"].values
@@ -129,15 +125,11 @@ def residuals(tree: xr.DataTree) -> xr.Dataset:
 
 
 def channel_rows(tree: xr.DataTree) -> list[dict]:
-    """Noise and residuals of every run and channel.
+    """Noise and residuals of every run (from 1) and channel.
 
-    Returns
-    -------
-    list of dict
-        ``run`` (from 1), ``channel``, ``unit`` (deg for angles), ``blocks``; ``block_sd`` and ``offset`` (NaN without)
-        in that unit, ``correlation``; ``chi2``, the mean square of the whitened residuals, and the share ``inside``
-        1.96; ``r1``, ``p_value`` and ``lags`` of their Ljung-Box test; ``largest`` residual in standard deviations, and
-        ``at`` [s].
+    ``unit`` (deg for angles), ``blocks``; ``block_sd`` and ``offset`` (NaN without) in that unit, ``correlation``;
+    ``chi2``, the mean square of the whitened residuals, and the fraction ``inside`` 1.96; ``r1``, ``p_value`` and
+    ``lags`` of their Ljung-Box test; ``largest`` residual in standard deviations, and ``at`` [s].
     """
     dataset, constant = residuals(tree), tree["constant_data"].dataset
     offset = tree["posterior"].dataset.get("sensor_offset")

@@ -1,4 +1,4 @@
-"""Figures of a posterior of whole trajectories: its numbers -> matplotlib figures. Fits nothing."""
+"""Figures of a posterior of whole trajectories."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def motion(tree: xr.DataTree, run: int) -> Figure:
 
 
 def _motion_panels(n_channels: int) -> tuple[Figure, list[tuple], Axes]:
-    """Figure with a high panel above a low one for each channel, two in a row, and one for the rudder."""
+    """A high panel above a low one for each channel, two in a row, and one for the rudder."""
     count = (n_channels + 2) // 2
     fig, axes = subplots(9.0, 2.5 * count, 2 * count, 2, height_ratios=(2.2, 1.0) * count, sharex=True)
     pairs = [(axes[2 * (k // 2), k % 2], axes[2 * (k // 2) + 1, k % 2]) for k in range(2 * count)]
@@ -69,7 +69,7 @@ def _motion_panels(n_channels: int) -> tuple[Figure, list[tuple], Axes]:
 
 
 def _channel_panels(dataset: xr.Dataset, height: float, label: str) -> tuple[Figure, list[tuple]]:
-    """Figure with a panel for each channel, three in a row that share their label, and (axes, channel)."""
+    """A panel for each channel, three in a row with one label, as (axes, channel)."""
     names = [str(name) for name in dataset["channel"].values]
     count = (len(names) + 2) // 3
     fig, axes = subplots(9.0, height * count, count, min(3, len(names)), sharey=True)
@@ -129,8 +129,7 @@ def quantiles(dataset: xr.Dataset) -> Figure:
 def forest(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figure:
     """Equal-tailed 50 and 95 % intervals of the coefficients of a DOF about the prior mean, in prior sd.
 
-    Coefficients with a flat prior are divided by their posterior standard deviation. ``marks`` are other values of the
-    coefficients by name, drawn beside them.
+    Coefficients with a flat prior are divided by their posterior sd. ``marks``: other values by name.
     """
     dataset = trajectory.contraction(tree)
     mine = np.flatnonzero(dataset["dof"].values == dof)
@@ -180,15 +179,15 @@ def contraction(dataset: xr.Dataset) -> Figure:
 
 def directions(dataset: xr.Dataset) -> Figure:
     """Share of the prior variance left along every direction, the least known first."""
-    share = dataset["share"].values
+    remaining = dataset["remaining_variance"].values
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(8.0, 2.6)
-        ax, position = axes[0, 0], np.arange(1, share.size + 1)
+        ax, position = axes[0, 0], np.arange(1, remaining.size + 1)
         for which, colour, label in (
-            (share > UNKNOWN, RUST, "stays unknown"),
-            (share <= UNKNOWN, BLUE, "determined by the records"),
+            (remaining > UNKNOWN, RUST, "stays unknown"),
+            (remaining <= UNKNOWN, BLUE, "determined by the records"),
         ):
-            ax.semilogy(position[which], share[which], ".", color=colour, ms=5, label=label)
+            ax.semilogy(position[which], remaining[which], ".", color=colour, ms=5, label=label)
         ax.axhline(UNKNOWN, color=REFERENCE, ls="--", lw=0.9)
         ax.set(xlabel="direction, the least known first", ylabel="prior variance left [share]")
         ax.legend()

@@ -15,7 +15,6 @@ from pymc_ship.diagnostics.parts import Part, PosteriorKind
 from pymc_ship.diagnostics.tables import chain_table, coefficient_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
 from pymc_ship.inference.identifiability.information import UNKNOWN
-from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.inference.trajectory.posterior import verdict as khat_verdict
 from pymc_ship.pages.tables import fixed_point, heads, number, percent, table
@@ -45,9 +44,7 @@ _n = number(3)
 def _verdict(one: Comparison) -> list[str]:
     """Sentences at the head: convergence, contraction, noise, residuals, starts and divergences."""
     tree = one.posterior
-    lines = ["All convergence diagnostics pass."]
-    if failed := one.failed_diagnostics:
-        lines = [f"A convergence diagnostic fails: {'; '.join(failed)}. Do not rely on the numbers below."]
+    lines = [parts.convergence_sentence(one)]
     if tree.attrs["method"] == "trajectory":
         khat = float(tree.attrs["pareto_khat"])
         lines.append(f"Pareto k-hat {khat:.2f} (limit {KHAT_LIMIT:g}): {khat_verdict(khat)}.")
@@ -65,8 +62,7 @@ def _evidence_lines(tree: xr.DataTree) -> list[str]:
     proper = total - along.attrs["n_flat"]
     if not proper:
         return [f"{text} Every coefficient has a flat prior, which nothing can follow."]
-    unknown = along.attrs["n_unknown"]
-    flat = along.attrs["n_flat"]
+    unknown, flat = along.attrs["n_unknown"], along.attrs["n_flat"]
     left_out = f"{flat} coefficients with a flat prior are" if flat > 1 else "1 coefficient with a flat prior is"
     return [
         text,
@@ -114,11 +110,11 @@ def _origin(one: Comparison) -> str:
 
 
 def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
-    """Every part of a section, in order; a part whose variables the tree lacks says so."""
+    """Every part of a section, in order."""
     tree = one.posterior
     sampled = [_chains(tree), parts.energy_part(tree)] if tree.attrs["method"] != "trajectory" else []
     return [
-        _gates(one),
+        _convergence(one),
         *sampled,
         _motion(tree),
         _residuals(tree),
@@ -132,7 +128,7 @@ def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> li
     ]
 
 
-def _gates(one: Comparison) -> Part:
+def _convergence(one: Comparison) -> Part:
     text = (
         "The draws are independent, so there are no chains to test. Pareto k-hat is the shape of the tail of the "
         f"importance weights from the normal approximation to the posterior. Up to {KHAT_LIMIT:g} its means and "
@@ -173,11 +169,8 @@ def _residuals(tree: xr.DataTree) -> Part:
     columns = heads(number(4), run="run") | heads(str, channel="channel") | heads(number(6), blocks="blocks")
     columns |= heads(_n, block_sd="sd of a block", offset="offset") | heads(str, unit="unit")
     columns |= heads(fixed_point(3), correlation="correlation", chi2="χ²", inside=f"within {SD_LIMIT:g} sd", r1="r1")
-    columns |= (
-        heads(_n, p_value="Ljung-Box p")
-        | heads(fixed_point(2), largest="largest [sd]")
-        | heads(fixed_point(1), at="at [s]")
-    )
+    columns |= heads(_n, p_value="Ljung-Box p") | heads(fixed_point(2), largest="largest [sd]")
+    columns |= heads(fixed_point(1), at="at [s]")
     caption = (
         "The noise of a block of samples, sensor offset and correlation with the block before, as the noise model has "
         "them, and the residuals once that correlation is taken out: mean square χ², share within "
@@ -226,8 +219,8 @@ def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.
     reference = np.array([known[name] for name in names])
     if dof not in ship.forces:
         return {"reference": reference}
-    published = {f"publ. {family.removesuffix('ugate')}.": ship.published_estimates(dof, family) for family in FAMILIES}
-    return {"reference": reference} | {name: values for name, values in published.items() if np.isfinite(values).any()}
+    published = parts.published_estimates(ship, dof).items()
+    return {"reference": reference} | {f"publ. {name.removesuffix('ugate')}.": values for name, values in published}
 
 
 def _contraction(tree: xr.DataTree) -> Part:
@@ -248,8 +241,13 @@ def _directions(tree: xr.DataTree) -> Part:
     if not dataset.sizes["direction"]:
         return Part(title, "Not shown: every coefficient has a flat prior, which gives a direction no unit.")
     count = min(max(_WEAKEST, dataset.attrs["n_unknown"]), dataset.sizes["direction"])
-    rows = [{"share": float(dataset["share"][k]), "direction": str(dataset["text"].values[k])} for k in range(count)]
-    columns = heads(fixed_point(3), share="prior variance left") | heads(str, direction="largest loadings, in prior sd")
+    rows = [
+        {"remaining": float(dataset["remaining_variance"][k]), "direction": str(dataset["text"].values[k])}
+        for k in range(count)
+    ]
+    columns = heads(fixed_point(3), remaining="prior variance left") | heads(
+        str, direction="largest loadings, in prior sd"
+    )
     text = (
         "Principal directions of one half of the draws in prior standard deviations, and the variance of the other "
         "half along them; a share is known to a tenth or so and may come out above 1."
