@@ -1,4 +1,4 @@
-"""Chapter "From the bound down" of the study's report: every method beside the Cramer-Rao bound, by noise level."""
+"""Chapter "From the bound down" of the study's page: every method against the Cramer-Rao bound, by noise level."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _shorter(family: str) -> str:
 
 
 def _forecasts(result: StudyResult, level: float) -> list[str]:
-    """Sentence on the forecasts of the paper's pipeline and of the trajectory fit; without a fit that failed."""
+    """Sentence on the forecasts of the paper's pipeline and of the trajectory fits that converged."""
     rows = {row["method"]: row for row in forecast_rows(result) if row["level"] == level}
     methods = [name for name in (_PAPER, _TRAJECTORY) if name in rows]
     if not methods:
@@ -163,7 +163,7 @@ def method_table(result: StudyResult) -> Table:
 
 
 def forecast_rows(result: StudyResult) -> list[dict]:
-    """Scores of both forecasts by level and method, with keys that begin with the name of the manoeuvre."""
+    """Scores of both forecasts by level and method; the keys begin with the name of the manoeuvre."""
     rows = []
     for level in dict.fromkeys(row["level"] for row in result.tables["methods"]):
         for method, prefix, labels in ((_TRAJECTORY, "trajectory", {}), (_PAPER, "forecast", {"family": "conjugate"})):
@@ -182,7 +182,7 @@ def forecast_rows(result: StudyResult) -> list[dict]:
 
 
 def forecast_table(result: StudyResult) -> Table:
-    """Forecasts of the trajectory fit beside those of the paper's pipeline."""
+    """Forecasts of the trajectory fit and of the paper's pipeline."""
     columns: Columns = {"level": ("noise level", number(3)), "method": ("forecast by", str)}
     for name, short_name in (("zigzag", "zigzag"), ("turning_circle", "turn")):
         columns |= {
@@ -195,7 +195,7 @@ def forecast_table(result: StudyResult) -> Table:
 
 
 def figure(result: StudyResult) -> Figure:
-    """Median error of every method against the noise level, with the published medians where they were printed."""
+    """Median error of every method against the noise level, with the published medians."""
     rows = result.tables["methods"]
     levels = sorted({row["level"] for row in rows})
     by_method = {name: {row["level"]: row["median"] for row in rows if row["method"] == name} for name in _names(rows)}

@@ -1,4 +1,4 @@
-"""Denoising in the study: methods side by side, and draws of the denoised record carried into the regression."""
+"""Denoising in the study: comparison of the methods, and posterior draws of the denoised record in the regression."""
 
 from __future__ import annotations
 
@@ -15,28 +15,18 @@ from pymc_ship.replication.scores import error_summary, relative_error
 from pymc_ship.trial.channels import default_channels
 
 N_DRAWS = 20
-"""Draws of the denoised record that are carried into the regression: Rubin's rule then adds 1/20 for their number."""
+"""Draws of the denoised record used in the regression: Rubin's rule then adds 1/20 for their number."""
 
 DERIVATIVES = ("euler", "savgol")
-"""The paper's differences, and those that a draw bears."""
+"""Derivatives compared: the paper's forward difference, and Savitzky-Golay."""
 
 
 def denoiser_rows(trial: xr.Dataset, noisy: xr.Dataset, vessel: Vessel, *, interval: float) -> list[dict]:
-    """Signal-to-noise ratio of each channel and error summary of the coefficients by method, and without any.
+    """Signal-to-noise ratio of each channel and error summary of the coefficients by method of denoising.
 
-    Parameters
-    ----------
-    trial, noisy : Dataset, dims (time,)
-        Clean and as measured.
-    vessel : Vessel
-    interval : float
-        Of the rows of the regression [s].
-
-    Returns
-    -------
-    list of dict
-        ``method``, ``snr_<channel>`` [dB], and of the conjugate posterior from forward differences the error summary
-        over all DOFs with ``coverage`` [%].
+    ``trial`` is clean and ``noisy`` as measured, dims (time,); ``interval`` of the regression rows in s. Keys:
+    ``method``, ``snr_<channel>`` [dB], and the error summary over all DOFs with ``coverage`` [%] of the conjugate
+    posterior from forward differences.
     """
     records = {"none": noisy} | {method: denoise(noisy, method=method) for method in METHODS}
     return [
@@ -50,10 +40,7 @@ def denoiser_rows(trial: xr.Dataset, noisy: xr.Dataset, vessel: Vessel, *, inter
 
 
 def signal_to_noise(clean: np.ndarray, record: np.ndarray) -> float:
-    """Variance of the clean signal over the mean squared error of a record, in dB.
-
-    Infinite without an error, NaN of a signal that never changes and has none.
-    """
+    """Variance of the clean signal over the mean squared error of a record [dB]; infinite without an error."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(10.0 * np.log10(np.var(clean) / np.mean((record - clean) ** 2)))
 
@@ -78,25 +65,11 @@ def channel_rows(trial: xr.Dataset, drawn: xr.Dataset) -> list[dict]:
 def draw_rows(
     smooth: xr.Dataset, drawn: xr.Dataset, vessel: Vessel, *, interval: float, rng: np.random.Generator
 ) -> list[dict]:
-    """Coefficients of each DOF with the denoised record taken as known, and pooled over its draws.
+    """Errors of each DOF from the denoised record taken as known, and pooled over its draws.
 
-    Parameters
-    ----------
-    smooth : Dataset, dims (time,)
-        Denoised.
-    drawn : Dataset, dims (draw, time)
-        The draws of the same record.
-    vessel : Vessel
-    interval : float
-        Of the rows [s].
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    list of dict
-        ``derivative``, ``dof``; ``median`` error [%] and ``coverage`` [%] of the intervals of 90 % as known, the same
-        ``_pooled``, and ``widened``, the median ratio of the standard deviations. Conjugate family at the evidence
-        maximum of the record taken as known.
+    ``smooth``, dims (time,), and ``drawn``, dims (draw, time), are denoised; ``interval`` of the rows in s. Keys:
+    ``derivative``, ``dof``; ``median`` error [%] and ``coverage`` [%] of the intervals of 90 %, the same ``_pooled``,
+    and ``widened``, the median ratio of the standard deviations. Both use the conjugate prior of largest evidence.
     """
     rows = []
     for derivative in DERIVATIVES:
@@ -117,7 +90,7 @@ def draw_rows(
 
 
 def _scores(reference: np.ndarray, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> dict[str, float]:
-    """Median error and share of references inside the intervals, both in %."""
+    """Median error [%] and percentage of references inside the intervals."""
     inside = (lower <= reference) & (reference <= upper)
     return {
         "median": error_summary(relative_error(mean, reference))["median"],

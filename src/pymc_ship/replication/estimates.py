@@ -1,4 +1,4 @@
-"""Coefficients of a ship from one noisy trial by every method, in one form, and the bound of the unbiased ones."""
+"""Coefficients of a ship from one noisy trial by every method, in one form."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Estimate:
     __repr__ = field_text
 
     def scores(self, vessel: Vessel) -> dict[str, float]:
-        """Error summary against the reference and ``coverage``, the share [%] of references inside the intervals."""
+        """Error summary against the reference and ``coverage``, the percentage of references inside the intervals."""
         reference = reference_coefficients(vessel)
         inside = (self.lower <= reference) & (reference <= self.upper)
         coverage = 100.0 * float(inside.mean()) if np.isfinite(self.coefficients).all() else float("nan")
@@ -87,7 +87,7 @@ def differencing_estimates(smooth: xr.Dataset, vessel: Vessel) -> dict[str, Esti
 
 
 def weak_form_estimate(noisy: xr.Dataset, vessel: Vessel, *, method: str = "rk4") -> Estimate:
-    """Estimate by the weak form from a trial as it was measured; "euler" is exact for Euler steps of its interval."""
+    """Estimate by the weak form from a measured trial; "euler" is exact for Euler steps of its interval."""
     derivative = {"rk4": "weak", "euler": "weak_euler"}[method]
     return regression_estimate(noisy, vessel, derivative=derivative, interval=WEAK_FORM_INTERVAL)
 

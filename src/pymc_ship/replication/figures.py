@@ -1,4 +1,4 @@
-"""Figures of the study: trials, posteriors and forecasts. Fits nothing."""
+"""Figures of the study: trials, posteriors and forecasts."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def noise_variance(exact: Mapping[str, Any], dof: str) -> Figure:
 
 @house_style
 def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
-    """Fig. 4: path of a coefficient through the draws of every chain, with its mean and reference, for each name."""
+    """Fig. 4: path of a coefficient through the draws of every chain, with its mean and reference."""
     fig, axes = subplots(8.0, 2.9, 1, len(paths))
     for ax, (name, (tree, reference)) in zip(axes[0], paths.items(), strict=True):
         draws = tree["posterior"].dataset["coefficients"].sel(coefficient=name)
@@ -92,7 +92,7 @@ def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
 
 @house_style
 def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]) -> Figure:
-    """Fig. 5 and 6: motion of the reference ship against medians and bands of each forecast, and their shares."""
+    """Fig. 5 and 6: motion of the reference ship against medians and bands of each forecast."""
     turning = kind_named(reference.attrs["manoeuvre"]).circles
     fig, axes = subplots(8.0, 7.4, 4, 2)
     shown = set.intersection(*(set(map(str, tree["bands"].data_vars)) for tree in forecasts.values()))
@@ -152,10 +152,7 @@ def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], publis
 def errors_by_method(
     levels: np.ndarray, errors: Mapping[str, np.ndarray], published: Mapping[str, float], printed_level: float
 ) -> Figure:
-    """Median coefficient error of each method against the noise level, the bound first and dashed, and what is printed.
-
-    ``published`` medians by family stand at the printed level.
-    """
+    """Median coefficient error of each method against the noise level, with published medians by family."""
     fig, axes = subplots(8.0, 4.2)
     ax = axes[0, 0]
     styles = [{"color": REFERENCE, "ls": "--"}, *({"color": colour, "marker": "o"} for colour in METHOD_COLOURS)]
@@ -170,7 +167,7 @@ def errors_by_method(
 
 @house_style
 def tuning(tuned: Mapping[str, TunedPrior]) -> Figure:
-    """Best cross-validated score so far against the evaluation, relative to the evidence maximum, for each DOF."""
+    """Best cross-validated score so far minus that of the evidence maximum, against the evaluation, for each DOF."""
     fig, axes = subplots(8.0, 2.9)
     ax = axes[0, 0]
     for dof, result in tuned.items():
@@ -187,7 +184,7 @@ def tuning(tuned: Mapping[str, TunedPrior]) -> Figure:
 def arviz_panels(
     plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapping[str, str], **settings: Any
 ) -> Figure:
-    """One panel for one coefficient of each tree, drawn by an ArviZ plot such as ``plot_trace`` or ``plot_rank``."""
+    """One panel for one coefficient of each tree, drawn by ArviZ."""
     import arviz as az
     import matplotlib.pyplot as plt
 

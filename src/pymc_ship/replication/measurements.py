@@ -59,19 +59,10 @@ def published_prior(vessel: Vessel, family: str, dof: str) -> Prior | None:
 
 
 def prior_rows(vessel: Vessel, identification: Identification) -> list[dict]:
-    """Table 4: hyperparameters by how they were chosen, each with its cross-validated score and its log evidence.
+    """Table 4: hyperparameters by how they were chosen, with cross-validated score and log evidence.
 
-    Parameters
-    ----------
-    vessel : Vessel
-        The published choice is shown where the vessel has published estimates.
-    identification : Identification
-        Tuned by Bayesian optimisation.
-
-    Returns
-    -------
-    list of dict
-        family, dof, choice, shape, scale, kappa, score and its standard error (per held-out row), log_evidence.
+    Keys: family, dof, choice, shape, scale, kappa, score and its standard error (per held-out row), log_evidence. The
+    published choice is shown where the vessel has published estimates.
     """
     rows = []
     for family, by_dof in identification.tuned.items():
@@ -96,18 +87,8 @@ def prior_rows(vessel: Vessel, identification: Identification) -> list[dict]:
 def discretisation_rows(trial: xr.Dataset, vessel: Vessel, *, interval: float = 1.0) -> list[dict]:
     """Least squares on a clean trial: median error of each DOF [%] by sampling and differencing.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        Noise-free, at the integration step.
-    vessel : Vessel
-    interval : float, optional
-        Sampling interval [s] of the coarse record.
-
-    Returns
-    -------
-    list of dict
-        ``differences``, a median for each DOF, ``worst`` over all coefficients.
+    The trial, dims (time,), is at the integration step; ``interval`` [s] is that of the coarse record. Keys:
+    ``differences``, every DOF, and ``worst`` over all coefficients.
     """
     step = float(trial.attrs["step"])
     coarse = trial.isel(time=slice(None, None, round(interval / step)))
@@ -170,8 +151,8 @@ def level_of_error(rows: list[dict], error: float) -> float:
     if not above.size or above[0] == 0:
         return float("nan")
     k = int(above[0])
-    share = (np.log(error) - median[k - 1]) / (median[k] - median[k - 1])
-    return float(np.exp(level[k - 1] + share * (level[k] - level[k - 1])))
+    fraction = (np.log(error) - median[k - 1]) / (median[k] - median[k - 1])
+    return float(np.exp(level[k - 1] + fraction * (level[k] - level[k - 1])))
 
 
 def method_rows(
@@ -183,7 +164,7 @@ def method_rows(
     modes: Mapping[str, TrajectoryMode | None],
     **labels: Any,
 ) -> list[dict]:
-    """Error summary over all DOFs of every method on one noisy trial, from the Cramer-Rao bound down.
+    """Error summary over all DOFs of every method on one noisy trial, after that of the Cramer-Rao bound.
 
     Parameters
     ----------
@@ -191,7 +172,7 @@ def method_rows(
     bound : ndarray, shape (n_coefficients,)
         Cramer-Rao bound at the noise of the trial.
     noisy, smooth : Dataset, dims (time,)
-        The trial in Euler steps of its sampling interval as it was measured, and denoised.
+        The trial in Euler steps of its sampling interval, measured and denoised.
     identification : Identification
         By the paper's pipeline.
     modes : mapping of str to TrajectoryMode or None
@@ -200,8 +181,8 @@ def method_rows(
     Returns
     -------
     list of dict
-        ``method``, the error summary (of the bound: what to expect of unbiased estimates on it), ``coverage`` [%] of
-        the intervals of 90 % and ``detail``. Of the differencing methods the one with the smallest median error.
+        ``method``, the error summary (of the bound: expected of unbiased estimates on it), ``coverage`` [%] of the
+        intervals of 90 % and ``detail``. The differencing method is the one with the smallest median error.
     """
     failed = np.full(bound.size, np.nan)
     fits = {
@@ -244,19 +225,9 @@ def relative_bound(vessel: Vessel, bound: np.ndarray) -> np.ndarray:
 def published_bound_rows(vessel: Vessel, unit_bound: np.ndarray, families: Sequence[str]) -> list[dict]:
     """Published errors against the bound at the paper's literal noise level, by family over all DOFs.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    unit_bound : ndarray, shape (n_coefficients,)
-        Cramer-Rao bound at a noise level of 1, to which it is proportional.
-    families : sequence of str
-
-    Returns
-    -------
-    list of dict
-        ``family``; ``errors``, their number, ``median`` [%] and how many are ``below`` the bound; ``on_bound``, the
-        median error [%] to expect of unbiased estimates at the literal level; ``level``, at which that is the published
-        median. None for a family without published estimates.
+    ``unit_bound``, shape (n_coefficients,), is the Cramer-Rao bound at a noise level of 1, to which it is proportional.
+    Keys: ``family``; ``errors``, their number, ``median`` [%] and how many are ``below`` the bound; ``on_bound``, the
+    median error [%] expected of unbiased estimates; ``level``, at which that is the published median.
     """
     relative, reference = relative_bound(vessel, unit_bound), reference_coefficients(vessel)
     rows = []
@@ -281,10 +252,9 @@ def published_bound_rows(vessel: Vessel, unit_bound: np.ndarray, families: Seque
 
 
 def printed_error_rows(vessel: Vessel, families: Sequence[str]) -> list[dict]:
-    """How many printed errors fit the estimate beside them and how many fit the other family's, for each DOF.
+    """For each DOF how many printed errors fit the estimate of their own family, and of the other one.
 
-    A printed error fits where it differs from the recomputed one by at most 0.6 percentage points or a tenth of it,
-    which covers the rounding of both estimate and reference to one decimal in most rows.
+    A printed error fits where it differs from the recomputed one by at most 0.6 percentage points or a tenth of it.
     """
     rows = []
     for dof in vessel.dofs:
@@ -306,16 +276,8 @@ def _fits(printed: np.ndarray, recomputed: np.ndarray) -> int:
 def full_conditional_rows(identification: Identification, trees: dict[str, xr.DataTree]) -> list[dict]:
     """sigma2 of the conjugate family against MCMC draws, with its marginal shape and with that of the paper's Eq. 15.
 
-    Parameters
-    ----------
-    identification : Identification
-    trees : dict of str to DataTree
-        MCMC draws of the conjugate family by DOF.
-
-    Returns
-    -------
-    list of dict
-        ``mcmc`` mean and ``mcse``, and the z-scores of the mean under the shapes A + n/2 and A + (n+c)/2.
+    ``trees`` are the draws by DOF. Keys: ``mcmc`` mean and ``mcse``, and the z-scores of the mean under the shapes
+    A + n/2 and A + (n+c)/2.
     """
     from arviz import mcse
 

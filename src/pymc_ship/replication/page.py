@@ -1,4 +1,4 @@
-"""The study and its report: one self-contained HTML page, tables as CSV and posteriors as NetCDF."""
+"""The page of the study, with tables as CSV and posteriors as NetCDF."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def study(
     Returns
     -------
     Path
-        The page, ``out/index.html``; a convergence gate that fails is said there and in ``out/diagnostics.html``.
+        The page, ``out/index.html``; it and ``out/diagnostics.html`` name a convergence diagnostic that fails.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def study(
 def reported_study(
     out: str | Path, *, vessel: VesselLike, level: float, seed: int, progress: Callable[[str], None]
 ) -> tuple[StudyResult, Path]:
-    """Result and page of a study; parameters and errors as :func:`study`."""
+    """Result and page of :func:`study`."""
     ship, level = as_vessel(vessel), noise_sd(level)  # before the folder is made
     out = writable_folder(out)
     result = run_study(ship, level=level, seed=seed, progress=progress)
@@ -88,25 +88,7 @@ def reported_study(
 
 
 def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], None] = lambda _: None) -> Path:
-    """Write pages, figures, tables and posteriors to a folder when all are complete.
-
-    Parameters
-    ----------
-    result : StudyResult
-    out : Path
-    progress : callable, optional
-        Called with a short text before each step.
-
-    Returns
-    -------
-    Path
-        ``out/index.html``, which is moved into place last, after ``out/diagnostics.html``.
-
-    Raises
-    ------
-    OutputError
-        When the folder cannot be written.
-    """
+    """Write pages, figures, tables and posteriors to a folder; ``index.html`` last, when all are complete."""
     content = diagnostic_content(result.comparisons, result.vessel, seed=result.seed, progress=progress, back=PAGE.file)
     diagnosed = render_page(DIAGNOSTICS, content)
     progress("report")
@@ -114,7 +96,7 @@ def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], Non
 
 
 def study_content(result: StudyResult, diagnosed: str) -> Content:
-    """What the page shows and, beside it, the diagnostic page as text: a function of the result alone."""
+    """Content of the page, from the result and the diagnostic page as text."""
     exact, trace = result.identifications[result.level].exact, _trace_figures(result)
     values = {
         "title": f"{result.vessel.name.capitalize()} ship: coefficients and forecasts from a noisy 20/20 zigzag",
@@ -148,7 +130,7 @@ def study_content(result: StudyResult, diagnosed: str) -> Content:
 
 
 def _files(result: StudyResult, diagnosed: str) -> dict[str, Callable[[Path], object]]:
-    """Functions that write the posteriors of the level shown and the diagnostic page, by their places."""
+    """Functions that write the posteriors of the level shown and the diagnostic page, by their paths."""
     posteriors = {
         f"posteriors/{dof}-{family}-{method}.nc": partial(write_posterior, tree)
         for family, methods in result.draws.items()
@@ -159,7 +141,7 @@ def _files(result: StudyResult, diagnosed: str) -> dict[str, Callable[[Path], ob
 
 
 def _works() -> list[str]:
-    """Works that the posteriors rest on: the paper, those of its prior families, those of the methods."""
+    """Citations of the paper, its prior families and the methods."""
     paper, *methods = CITATIONS.values()
     families = (prior_family(family).citation for family in PAPER_FAMILIES)
     return [paper, *filter(None, families), *methods]
@@ -208,7 +190,7 @@ def _sample_paths(result: StudyResult) -> Figure:
 
 
 def _trace_figures(result: StudyResult) -> list[tuple[str, str, str]]:
-    """Name, image and caption of trace and rank plots of NUTS: the coefficient of each DOF with the largest |z|."""
+    """Name, image and caption of trace and rank plots of NUTS: for each DOF the coefficient with the largest |z|."""
     shown = []
     for family, by_dof in result.agreement.items():
         worst = {}

@@ -23,33 +23,22 @@ from pymc_ship.ships.forecasting.prior_ships import (
 )
 
 SHIPS = 200
-"""Ships of each prior in each manoeuvre: a share of a half has a standard error of 3.5 %."""
+"""Ships of each prior in each manoeuvre: a proportion of 50 % has a standard error of 3.5 %."""
 
 CI_PROB = 0.9
 """Probability of the bands of the indices, as that of the study's forecasts."""
 
 POSTERIOR = "posterior"
-"""Choice under which the ships of a family's posterior stand beside those of its priors."""
+"""Choice that names the ships of a family's posterior."""
 
 
 def study_priors(
     vessel: Vessel, identification: Identification, trial: xr.Dataset
 ) -> dict[tuple[str, str], CoefficientPrior | Mapping[str, RegressionPrior]]:
-    """Priors of all degrees of freedom that the study uses or compares, as :func:`pymc_ship.prior_ships` takes them.
+    """Priors of all degrees of freedom that the study compares, by family and choice.
 
-    Parameters
-    ----------
-    vessel : Vessel
-        The published choice is among them where every DOF has published estimates.
-    identification : Identification
-        Tuned by Bayesian optimisation.
-    trial : Dataset, dims (time,)
-        Gives the order-damped prior of the trajectory fits the size of each coefficient.
-
-    Returns
-    -------
-    dict of (str, str) to CoefficientPrior or mapping
-        By family and choice.
+    The published choice is among them where every DOF has published estimates. ``trial``, dims (time,), scales the
+    order-damped prior of the trajectory fits.
     """
     priors: dict[tuple[str, str], CoefficientPrior | Mapping[str, RegressionPrior]] = {}
     for family, by_dof in identification.tuned.items():
@@ -74,23 +63,11 @@ def prior_ship_rows(
     *,
     ships: int = SHIPS,
 ) -> list[dict]:
-    """How the ships of each prior end in the standard manoeuvres, and those of each family's posterior beside them.
+    """How the ships of each prior, and of each family's posterior, end in the standard manoeuvres.
 
-    Parameters
-    ----------
-    vessel, found, trial
-        As :func:`study_priors`.
-    rng : callable
-        Generator of a family and a choice.
-    ships : int, optional
-        Of each prior.
-
-    Returns
-    -------
-    list of dict
-        ``family``, ``choice``, those of :func:`pymc_ship.ships.forecasting.prior_ships.share_row`, and the first index
-        of the manoeuvre that IMO limits, ``index``, with those of
-        :func:`pymc_ship.ships.forecasting.prior_ships.index_row`.
+    ``rng`` gives a generator for a family and a choice; ``ships`` are drawn of each. Keys: ``family``, ``choice``, those
+    of :func:`pymc_ship.ships.forecasting.prior_ships.share_row`, and ``index``, the first index of the manoeuvre that IMO
+    limits, with those of :func:`pymc_ship.ships.forecasting.prior_ships.index_row`.
     """
     rows = []
     for (family, choice), prior in study_priors(vessel, identification, trial).items():

@@ -1,4 +1,4 @@
-"""Rows of the study's tables: coefficients beside their references, errors in summary, forecasts scored."""
+"""Rows of the study's tables: coefficients with their references, error summaries, scores of forecasts."""
 
 from __future__ import annotations
 
@@ -24,17 +24,7 @@ def relative_error(estimate: np.ndarray, reference: np.ndarray) -> np.ndarray:
 def coefficient_rows(vessel: Vessel, dof: str, exact: Mapping[str, ExactPosterior]) -> list[dict]:
     """Tables 2 and 3: reference, published and own estimates of a DOF, all times 1e5, with their errors.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    dof : str
-    exact : mapping of str to exact posterior
-        By family.
-
-    Returns
-    -------
-    list of dict
-        coefficient, reference, sign_source, and for each family published_, published_error_, mean_, sd_, error_.
+    Keys: coefficient, reference, sign_source, and for each family published_, published_error_, mean_, sd_, error_.
     """
     reference = vessel.coefficients(dof)
     rows = [
@@ -58,10 +48,7 @@ def coefficient_rows(vessel: Vessel, dof: str, exact: Mapping[str, ExactPosterio
 
 
 def error_summary(errors: np.ndarray) -> dict[str, float]:
-    """Median error [%] and the shares [%] of coefficients under each limit, NaN where no error is known.
-
-    Zeros of the reference have no relative error and do not count.
-    """
+    """Median error [%] and percentage of coefficients under each limit; NaN errors (zero references) do not count."""
     known = errors[np.isfinite(errors)]
     names = [f"under_{limit:g}" for limit in SHARES]
     if not known.size:
@@ -73,7 +60,7 @@ def error_summary(errors: np.ndarray) -> dict[str, float]:
 def summary_rows(
     vessel: Vessel, exact_by_family: Mapping[str, Mapping[str, ExactPosterior]], **labels: Any
 ) -> list[dict]:
-    """Error summary of each DOF and over all; ``coverage`` is the share [%] of references inside 90 % intervals."""
+    """Error summary of each DOF and over all; ``coverage`` is the percentage of references inside 90 % intervals."""
     rows = []
     for family, exact in exact_by_family.items():
         errors, inside = {}, {}
@@ -107,24 +94,12 @@ def published_rows(vessel: Vessel, families: Iterable[str]) -> list[dict]:
 
 
 def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **labels: Any) -> dict:
-    """Score a forecast against the reference ship.
+    """Score a forecast from :func:`pymc_ship.forecast` against the reference ship on its time grid.
 
-    Parameters
-    ----------
-    reference : Dataset, dims (time,)
-        The reference ship on the forecast's time grid.
-    truth : Dataset, dims ()
-        Its indices.
-    tree : DataTree
-        From :func:`pymc_ship.forecast`.
-
-    Returns
-    -------
-    dict
-        ``error``: RMSE of the median over the range of the channel [%], mean over the scored channels that move and
-        that the model has;
-        ``coverage``: share of instants inside the band [%], mean likewise; ``share_diverged`` and, NaN where unknown,
-        ``share_extrapolated`` [%], with the sentence ``extrapolation``; for each index its reference, median and band.
+    ``truth`` holds the indices of the reference ship. Keys: ``error``, the RMSE of the median over the range of the
+    channel [%], mean over the scored channels that move; ``coverage``, instants inside the band [%], mean likewise;
+    ``share_diverged`` and, NaN where unknown, ``share_extrapolated`` [%], with the sentence ``extrapolation``; for each
+    index its reference, median and band.
     """
     bands = tree["bands"].to_dataset()
     errors, coverages = [], []
@@ -159,7 +134,6 @@ def _rmse(deviation: np.ndarray) -> float:
 
 
 def _ratio(errors: np.ndarray) -> float:
-    """Ratio of the medians of two columns."""
     return float(np.median(errors[:, 0]) / np.median(errors[:, 1]))
 
 

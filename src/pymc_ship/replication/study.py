@@ -53,11 +53,7 @@ TRAJECTORY_PRIORS = ("flat", "order_damped")
 
 @dataclass
 class StudyResult:
-    """Results of the study, from which the report is drawn.
-
-    ``bound``, dims (coefficient,), is the Cramer-Rao bound of the trial at a noise level of 1, to which it is
-    proportional.
-    """
+    """Results of the study; ``bound``, dims (coefficient,), is the Cramer-Rao bound at a noise level of 1."""
 
     vessel: Vessel
     trial: xr.Dataset
@@ -153,7 +149,7 @@ def _forecast(
 
 
 def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
-    """Exact, Gibbs and NUTS draws of every DOF and family at the level shown, side by side."""
+    """Exact, Gibbs and NUTS draws of every DOF and family at the level shown."""
     identification = result.identifications[result.level]
     samplers = {"gibbs": gibbs_posterior, "nuts": nuts_posterior}
     for family in PAPER_FAMILIES:
@@ -208,7 +204,7 @@ def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable
 
 
 def _from_the_bound(result: StudyResult, progress: Callable[[str], None]) -> None:
-    """Every method on the noisy trials beside the Cramer-Rao bound, and forecasts of the trajectory fit."""
+    """Errors of every method and of the Cramer-Rao bound on the noisy trials, and forecasts of the trajectory fit."""
     vessel, bound, tables = result.vessel, result.bound.values, result.tables
     tables["published_bound"] = replication.published_bound_rows(vessel, bound, PAPER_FAMILIES)
     tables["methods"] = []

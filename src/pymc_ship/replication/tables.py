@@ -52,7 +52,7 @@ def csv_tables(result: StudyResult) -> dict[str, list[dict]]:
 
 
 def _coefficient_rows(result: StudyResult, dof: str, exact: Mapping) -> list[dict]:
-    """Rows of Tables 2 and 3 with the bound [% of the reference] at the literal noise level and at the one shown."""
+    """Rows of Tables 2 and 3 with the bound [% of the reference] at both noise levels."""
     rows = coefficient_rows(result.vessel, dof, {family: exact[family][dof] for family in PAPER_FAMILIES})
     reference = result.vessel.coefficients(dof)
     bound = result.bound.sel(coefficient=reference["coefficient"].values).values
