@@ -65,9 +65,9 @@ def prior_ship_rows(
 ) -> list[dict]:
     """How the ships of each prior, and of each family's posterior, end in the standard manoeuvres.
 
-    ``rng`` gives a generator for a family and a choice; ``ships`` are drawn of each. Keys: ``family``, ``choice``, those
-    of :func:`pymc_ship.ships.forecasting.prior_ships.share_row`, and ``index``, the first index of the manoeuvre that IMO
-    limits, with those of :func:`pymc_ship.ships.forecasting.prior_ships.index_row`.
+    ``rng`` gives a generator for a family and a choice; ``ships`` are drawn of each. Keys: ``family``, ``choice``,
+    those of :func:`pymc_ship.ships.forecasting.prior_ships.share_row`, and ``index``, the first index of the manoeuvre
+    that IMO limits, with those of :func:`pymc_ship.ships.forecasting.prior_ships.index_row`.
     """
     rows = []
     for (family, choice), prior in study_priors(vessel, identification, trial).items():
