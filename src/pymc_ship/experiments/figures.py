@@ -1,4 +1,4 @@
-"""Figures of a grid of experiments: each score against the noise level, a line a method, with error bars."""
+"""Figures of a grid of experiments: each score against the noise level, one line per method."""
 
 from __future__ import annotations
 
@@ -26,16 +26,9 @@ _LABELS = {
 
 
 def scores(rows: Sequence[Mapping]) -> Figure:
-    """Scores of the cells of one ship, manoeuvre and kind of noise; bars of two standard errors.
+    """Scores of :func:`pymc_ship.experiments.tables.cell_row` for one ship, manoeuvre and kind of noise.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        From :func:`pymc_ship.experiments.tables.cell_row`.
-
-    Returns
-    -------
-    Figure
+    Error bars are two standard errors.
     """
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(9.0, 3.6, 1, len(_LABELS))
@@ -50,7 +43,7 @@ def scores(rows: Sequence[Mapping]) -> Figure:
 
 
 def _lines(ax: Axes, rows: Sequence[Mapping], name: str) -> None:
-    """Line of each method over the levels; what is infinite or zero on a logarithmic axis is left out."""
+    """Line of each method over the levels, without infinities and, on a logarithmic axis, zeros."""
     logarithmic, levels = name != "coverage", sorted({row["level"] for row in rows if row["level"] > 0.0})
     drawn = 0
     for k, method in enumerate(dict.fromkeys(row["method"] for row in rows)):

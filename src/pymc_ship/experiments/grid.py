@@ -1,4 +1,4 @@
-"""Grid of a Monte-Carlo study: ships x manoeuvres x noise x methods x seeds, as a small TOML, checked key by key."""
+"""Grid of a Monte-Carlo study: ships x manoeuvres x noise x methods x seeds, from a TOML file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _LISTS = ("ships", "manoeuvres", "methods")
 
 
 def seed_parts(cells: Iterable, seeds: int) -> Iterator[tuple]:
-    """Every cell's seeds in parts of :data:`PART_SEEDS`, and the name of the part's results without an ending.
+    """Seeds of every cell in parts of :data:`PART_SEEDS`, each with its file name without suffix.
 
     A part is in a folder ``key=value`` for each field of its cell.
     """
@@ -67,7 +67,7 @@ class Grid:
     duration : float
         Of each record [s].
     own : dict of str to callable
-        Methods of the user's own by name.
+        User-defined methods by name.
     """
 
     title: str
@@ -102,7 +102,7 @@ class Grid:
         ]
 
     def remarks(self) -> list[str]:
-        """What was derived and what is doubtful in the ships."""
+        """Derived values and doubtful values of the ships."""
         return [f"{name}: {sentence}" for name, ship in self.ships.items() for sentence in remarks(ship)]
 
     def parts(self) -> Iterator[tuple[Cell, range, str]]:
@@ -121,7 +121,7 @@ class Grid:
         return Task(ship, manoeuvre, **kind, seed=seed, root=self.root_seed, duration=self.duration, block=block)
 
     def record(self) -> dict:
-        """What the results depend on, as it is kept beside them."""
+        """The settings that the results depend on, saved with them."""
         digests = {name: hashlib.sha256(_in_full(ship).encode()).hexdigest() for name, ship in self.ships.items()}
         return {
             "version": __version__,
@@ -135,7 +135,7 @@ class Grid:
         }
 
     def difference(self, old: Mapping) -> str:
-        """First thing in which the grid does more than extend that of another record; empty where none does."""
+        """First setting that does not merely extend the grid of another record; empty where none."""
         new = self.record()
         lists = {key: (list(old[key]), list(new[key])) for key in (*_LISTS, "noise")}
         lists |= {f"noise.{kind}": (levels, new["noise"].get(kind, [])) for kind, levels in old["noise"].items()}
@@ -149,7 +149,7 @@ class Grid:
         return write_report(store)
 
     def columns(self, rows: Sequence[Mapping]) -> dict[str, str]:
-        """Heads of the columns that a terminal shows: what tells the cells apart, scores, tasks that end badly."""
+        """Heads of the columns that a terminal shows: cell, scores, number of failed tasks."""
         keys = ("ship", "manoeuvre", "noise", "level", "method")
         result = {key: key for key in keys if key == "method" or len({row[key] for row in rows}) > 1}
         heads = ("error %", "coverage %", "tactical diameter error %")
@@ -167,19 +167,10 @@ def record_difference(
     named: Sequence[str],
     lists: Mapping[str, tuple[Sequence, Sequence]],
 ) -> str:
-    """First thing in which a record of a study does more than extend another one, as words; empty where none does.
+    """First setting in which a record does not merely extend another one, in words; empty where none.
 
-    Parameters
-    ----------
-    old, new : mapping
-    same : sequence of str
-        Keys whose values must be the same.
-    grown : str
-        Key of a number that may grow.
-    named : sequence of str
-        Keys of tables whose entries must be the same where both have them.
-    lists : mapping of str to tuple of two sequences
-        Values of old and new, by what they are called, of which none may be gone.
+    Values of the keys ``same`` must be equal, the number ``grown`` may grow. Tables ``named`` must agree in the entries
+    of both; no value of ``lists`` (old and new, by label) may be removed.
     """
     for key in same:
         if old[key] != new[key]:
@@ -197,7 +188,7 @@ def record_difference(
 
 
 def _in_full(value: Vessel | Manoeuvre) -> str:
-    """Every attribute that counts in one line; the value's own text leaves most of them out."""
+    """Every attribute that the results depend on in one line; ``repr`` leaves most of them out."""
     attributes = ", ".join(f"{one.name}={getattr(value, one.name)!r}" for one in fields(value) if one.compare)
     return f"{type(value).__name__}({attributes})"
 
@@ -205,17 +196,7 @@ def _in_full(value: Vessel | Manoeuvre) -> str:
 def grid_of(file: Entry, folder: Path, own: Mapping[str, Method]) -> Grid:
     """Grid of the table of a study.
 
-    Parameters
-    ----------
-    file : Entry
-    folder : Path
-        From which the paths of ships count.
-    own : mapping of str to callable
-        Methods of the user's own by name, beside those that the study names.
-
-    Returns
-    -------
-    Grid
+    Paths of ships are relative to ``folder``; ``own`` are user-defined methods by name, added to those of the study.
 
     Raises
     ------
@@ -254,7 +235,7 @@ def _check_once(entry: Entry, values: Sequence) -> None:
 
 
 def _methods(entry: Entry, own: Mapping[str, Method]) -> tuple[str, ...]:
-    """Names of the methods that a study lists, and those of the user's own that it does not."""
+    """Names of the methods that a study lists, then of the user-defined ones outside the list."""
     names = texts(entry)
     for name in names:
         if not import_path(name):

@@ -1,4 +1,4 @@
-"""Methods of the user's own in a grid: given as functions, or named by an import path ``module:function``."""
+"""User-defined methods of a grid: functions, or import paths ``module:function``."""
 
 from __future__ import annotations
 
@@ -24,31 +24,21 @@ def import_path(name: str) -> bool:
 
 
 def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -> dict[str, Method]:
-    """Methods of the user's own by name: those given, and those that a study names by an import path.
+    """User-defined methods by name: the given ones, and import paths among the ``names`` of a study.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of all methods of the study.
-    given : mapping of str to callable
-    study : str
-        What the study is called in errors.
-
-    Returns
-    -------
-    dict of str to callable
-        Each takes a noisy record and a vessel and returns a :class:`pymc_ship.Estimate`.
+    Each is called with a noisy record and a vessel and returns a :class:`pymc_ship.Estimate`; ``study`` is the name of
+    the study in errors.
 
     Raises
     ------
     StudyError
-        For an import path that leads to no function, a name that the package has already, and what cannot be called or
-        handed to another process.
+        For an import path of no function, a name of the package's own methods, and objects that cannot be called or
+        pickled.
     """
-    found = {
+    imported = {
         name: import_function(name, f"{study}: methods") for name in names if import_path(name) and name not in given
     }
-    for name, method in {**given, **found}.items():
+    for name, method in {**given, **imported}.items():
         if not isinstance(name, str) or not name or name in METHODS:
             raise StudyError(
                 f"{study}: a method of your own has a name that the package does not have, found {short_repr(name)}; "
@@ -60,18 +50,18 @@ def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -
                 f"{short_repr(method)}; give the function."
             )
         check_picklable(method, f"{study}: the method {name!r}")
-    return {**given, **found}
+    return {**given, **imported}
 
 
 def method_record(name: str, own: Method | None) -> str:
-    """What a folder of results keeps of a method: its name and, of one of the user's own, a digest of its source."""
+    """Record of a method in a folder of results: its name and, where user-defined, a digest of its source."""
     if own is None:
         return name
     return f"{name} (own, {digest(own)})"
 
 
 def digest(own: Callable) -> str:
-    """Of the source of a function alone, not of what it calls."""
+    """Digest of the source of a function, without the functions that it calls."""
     try:
         source = inspect.getsource(own)
     except (OSError, TypeError):  # an object, or a function that was typed in
@@ -79,8 +69,8 @@ def digest(own: Callable) -> str:
     return hashlib.sha256(source.encode()).hexdigest()[:12]
 
 
-def import_function(name: str, place: str) -> Callable:
-    """Function of an import path, found from the working folder, too, as ``python -m`` finds it."""
+def import_function(name: str, where: str) -> Callable:
+    """Function of an import path; the working folder is searched too, as with ``python -m``."""
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)
     module, _, function = name.partition(":")
@@ -90,11 +80,11 @@ def import_function(name: str, place: str) -> Callable:
         reason, remedy = f"{module} has no {function}", "correct the name"
     except Exception as error:  # whatever the user's module raises
         reason, remedy = error_text(error), "run in the folder it is found from, put that on PYTHONPATH or mend it"
-    raise StudyError(f"{place} cannot have {name!r}: {reason}; {remedy}.")
+    raise StudyError(f"{where} cannot have {name!r}: {reason}; {remedy}.")
 
 
 def check_picklable(function: Callable, what: str) -> None:
-    """Raise unless a function can be sent to another process."""
+    """Raise a StudyError unless a function can be pickled for another process."""
     from joblib.externals.loky.backend.reduction import dumps
 
     try:

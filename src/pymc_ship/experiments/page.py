@@ -1,4 +1,4 @@
-"""Report of a Monte-Carlo study: tables of results, timings and cells, and a page with figures, costs and a plan."""
+"""Page of a Monte-Carlo study with figures, costs and a plan, and its tables as files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
 
 PAGE = Page("index.html", Path(__file__).with_name("page.html.j2"), digits=6, tables=".")
-"""The page of a study, with ``cells.csv`` beside it."""
+"""The page of a study, in one folder with ``cells.csv``."""
 
 MOST_FIGURES, MOST_ROWS = 12, 400
 """Figures and rows of cells that the page shows; ``cells.csv`` has all."""
@@ -43,18 +43,9 @@ _SHARED = ("ship", "manoeuvre", "noise")
 
 
 def write_report(store: Store) -> tuple[list[dict], Path]:
-    """Write the tables and the page of a complete study; they appear together when complete.
+    """Scores by cell, and the path of the page, of a complete study; tables and page are written together.
 
     ``results.parquet`` and ``cells.csv`` depend on the study alone, ``timings.parquet`` and the page on the runs, too.
-
-    Parameters
-    ----------
-    store : Store
-
-    Returns
-    -------
-    list of dict, Path
-        Scores by cell, and the page, ``index.html``, which is moved into place last.
 
     Raises
     ------
@@ -70,8 +61,8 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
 
 
 def _cells(written: Iterator[tuple[Cell, pa.Table]], costs: Costs) -> Iterator[dict]:
-    """Row of each cell from its parts, whose costs are counted on the way."""
-    for cell, parts in groupby(written, key=lambda found: found[0]):
+    """Row of each cell from its parts; adds their costs."""
+    for cell, parts in groupby(written, key=lambda item: item[0]):
         mine = []
         for _, rows in parts:
             costs.add(cell.method, rows)
@@ -81,7 +72,7 @@ def _cells(written: Iterator[tuple[Cell, pa.Table]], costs: Costs) -> Iterator[d
 
 
 def _sizes(store: Store, folder: Path, build: float) -> Sizes:
-    """Files and bytes on disk, the tables in a folder, and under way, memory of the parent, time of the tables [s]."""
+    """Files and bytes of the results and messages, memory of the parent, time of the tables [s]."""
     parts = list((store.out / "parts").rglob("*.parquet"))
     cell, _, part = next(store.study.parts())
     result = dict.fromkeys((*store.results, *store.timings), 0.0)
@@ -92,7 +83,7 @@ def _sizes(store: Store, folder: Path, build: float) -> Sizes:
 
 
 def cell_table(rows: Sequence[Mapping]) -> Table:
-    """One line for each cell: scores with their standard errors, and how the tasks ended."""
+    """One line for each cell: scores with their standard errors, and the number of each status."""
     lines = [
         dict(row) | {name: f"{number(3)(row[name])} ± {number(2)(row[f'{name}_se'])}" for name in STATISTIC}
         for row in rows

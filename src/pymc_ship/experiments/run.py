@@ -1,4 +1,4 @@
-"""Monte-Carlo studies: a grid of experiments, measured by many workers, stopped and gone on with at will."""
+"""Monte-Carlo studies: many tasks by many workers, which can be stopped and continued."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ def montecarlo(
     methods: Mapping[str, Method] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Run a Monte-Carlo study, or go on with one, and write its tables and page.
+    """Run a Monte-Carlo study, or continue one, and write its tables and page.
 
-    Every result is kept the moment it is there, and not done again when the study is run again. Seeds, levels, methods,
-    manoeuvres and ships may be added. The tables of results are the same bytes whatever the workers and interruptions.
+    Every result is saved at once and not computed again. Seeds, levels, methods, manoeuvres and ships may be added. The
+    tables of results do not depend on workers and interruptions.
 
     Parameters
     ----------
     study : str, Path or mapping
-        TOML file, or a table of the same form: a grid of experiments, see ``studies/container.toml``, or what
-        ``study`` names by its import path, see ``studies/ships.toml``; of a table it may be the class itself.
+        TOML file, or a table of the same form: a grid of experiments, see ``studies/container.toml``, or a kind that
+        the key ``study`` names by its import path, see ``studies/ships.toml``; in a table, or the class itself.
     out : str or Path
         Folder of the study; created where it is missing.
     workers : int, optional
@@ -51,25 +51,24 @@ def montecarlo(
     scheduler : str, optional
         Address of a Dask scheduler, whose workers do the tasks instead.
     methods : mapping of str to callable, optional
-        Methods of your own by name, beside those that the study names. Each takes a noisy record, a Dataset with dims
-        (time,), and the vessel, and returns a :class:`pymc_ship.Estimate`. A study can also name one by its import
-        path, ``module:function``.
+        Your own methods by name. Each is called with a noisy record, a Dataset with dims (time,), and the vessel, and
+        returns a :class:`pymc_ship.Estimate`. A study can also name one by its import path, ``module:function``.
     progress : callable, optional
         Called now and then with a short text.
 
     Returns
     -------
     Path
-        The page, ``out/index.html``; beside it ``results.parquet``, ``timings.parquet`` and, of a grid,
+        The page, ``out/index.html``, in one folder with ``results.parquet``, ``timings.parquet`` and, for a grid,
         ``cells.csv``.
 
     Raises
     ------
     StudyError
-        For a study that cannot be read or that another one in the folder does not allow, a method that cannot be called
-        or returns no Estimate, no scheduler that answers, and workers that die again and again.
+        For a study that cannot be read or does not extend the one in the folder, a method that cannot be called or
+        returns no Estimate, a scheduler that does not answer, and workers that die repeatedly.
     OutputError
-        For a folder that cannot be written; what was kept before stays.
+        For a folder that cannot be written; earlier results stay.
     """
     _, page = reported_montecarlo(study, out, workers=workers, scheduler=scheduler, methods=methods, progress=progress)
     return page
@@ -85,22 +84,22 @@ def reported_montecarlo(
     progress: Callable[[str], None] = lambda _: None,
     work: Callable[[Any], dict] | None = None,
 ) -> tuple[list[dict], Path]:
-    """Main table of a study, and the page; parameters and errors as :func:`montecarlo`; ``work`` does a task."""
+    """Main table and page of :func:`montecarlo`; ``work`` replaces the study's own work on a task."""
     if scheduler and workers:
         raise StudyError("The workers of a cluster are started beside its scheduler, found --workers; leave it out.")
-    found = read_study(study, methods)
+    settings = read_study(study, methods)
     error = StudyError
     executor = Cluster(scheduler, error=error) if scheduler else LocalCores(workers, error=error)
-    with locked_store(out, found) as store:
+    with locked_store(out, settings) as store:
         if store.missing():
             with executor:
-                _complete_tasks(store, executor, work or found.work, progress)
+                _complete_tasks(store, executor, work or settings.work, progress)
         progress("tables and page")
-        return found.report(store)
+        return settings.report(store)
 
 
 def read_study(study: str | Path | Mapping, methods: Mapping[str, Method] | None = None) -> Study:
-    """Read a study: of the kind that it names, a grid where it names none; parameters and errors as `montecarlo`."""
+    """Study of the kind that its table names, by default a grid; parameters and errors as :func:`montecarlo`."""
     folder = Path()
     if isinstance(study, Mapping):
         file = Entry(study, "The study", StudyError)
@@ -115,7 +114,7 @@ def read_study(study: str | Path | Mapping, methods: Mapping[str, Method] | None
 
 
 def _kind(entry: Entry) -> type[StudyKind]:
-    """Kind of study that an import path names, or which is given."""
+    """Kind of study: a class, or the import path of one."""
     kind = entry.value
     if isinstance(kind, str) and import_path(kind):
         kind = import_function(kind, f"{entry.file}: {entry.key}")
@@ -127,7 +126,7 @@ def _kind(entry: Entry) -> type[StudyKind]:
 def _complete_tasks(
     store: Store, executor: LocalCores | Cluster, work: Callable[[Any], dict], progress: Callable[[str], None]
 ) -> None:
-    """Do all tasks that are missing; start again with new workers where some were lost."""
+    """Do all missing tasks; restart with new workers where some died."""
     session, start = {"session": time.time_ns(), "executor": executor.label}, time.perf_counter()
     shown = _Progress(store.study.n_tasks, progress)
 
@@ -150,7 +149,7 @@ def _complete_tasks(
 
 
 def _handling_seconds(store: Store, executor: LocalCores | Cluster) -> float:
-    """Seconds in which the parent hands out a task and keeps its result, from tasks that do nothing."""
+    """Seconds in which the parent sends a task and saves its result, measured with empty tasks."""
     none = {"session": 0, "executor": "", "workers": 0, "wall": 0.0, "parent": 0.0}
     folder, arrivals = store.out / ".rehearsal", []
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
@@ -178,7 +177,7 @@ def _tasks(store: Store, missing: list) -> Iterator:
 
 
 class _Progress:
-    """Bar, number of tasks, rate and time left, told once a second at most."""
+    """Progress bar with number of tasks, rate and time left, at most once a second."""
 
     def __init__(self, total: int, show: Callable[[str], None]):
         self.total, self.show = total, show
@@ -186,7 +185,7 @@ class _Progress:
         self.start = self.last_shown = time.perf_counter()
 
     def begin(self, done: int) -> None:
-        """Say what is there already."""
+        """Print how many tasks are done already."""
         self.done = done
         self.show(f"{progress_bar(done, self.total)} {done} of {self.total} tasks")
 

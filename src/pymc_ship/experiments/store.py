@@ -1,8 +1,7 @@
 """Results of a Monte-Carlo study on disk.
 
-Each result is a line of JSON in the journal of its part. A complete part becomes a Parquet file with a checksum under
-``parts/ship=.../manoeuvre=.../noise=.../level=.../method=.../``. An incomplete line is dropped; of two results of one
-task the first counts.
+Each result is a line of JSON in the journal of its part; a complete part becomes a Parquet file with a checksum. An
+incomplete line is dropped; of two results of one task the first counts.
 """
 
 from __future__ import annotations
@@ -40,11 +39,11 @@ class Store:
     out : Path
     study : Study
     results : tuple of str
-        Columns of a result: the same whatever ran where and when.
+        Columns of a result, which do not depend on the machine.
     timings : tuple of str
         Columns of its timing: seconds of the parts and of processor time; the session (its start [ns since 1970]) with
-        its executor and workers; seconds from the session's start to when the result was kept (``wall``), and those in
-        which its parent hands out a task and keeps its result (``parent``).
+        its executor and workers; seconds from the session's start to the saved result (``wall``), and of the parent's
+        handling of a task (``parent``).
     """
 
     def __init__(self, out: Path, study: Study):
@@ -57,21 +56,21 @@ class Store:
         self._left: Counter[str] = Counter()
 
     def missing(self) -> list[tuple[Any, str, Sequence[int]]]:
-        """Cell, part and seeds of what is still to be measured, in the order of the results."""
-        found: list[tuple[Any, str, Sequence[int]]] = []
+        """Cell, part and seeds of the missing results, in the order of the results."""
+        unfinished: list[tuple[Any, str, Sequence[int]]] = []
         self._left.clear()
         for cell, seeds, part in self.study.parts():
             done = self._done(part, len(seeds))
             left = [seed for seed in seeds if seed not in done] if done else seeds
             if left:
-                found.append((cell, part, left))
+                unfinished.append((cell, part, left))
                 self._left[part] = len(left)
             else:
                 self._seal(part)
-        return found
+        return unfinished
 
     def add(self, result: dict) -> None:
-        """Keep a result: what the study's ``work`` returns with what is left of the timings."""
+        """Append a result of the study's ``work``, with the rest of its timings, to the journal."""
         part = result["block"]
         line = json.dumps({name: result[name] for name in self._schema.names}) + "\n"
         journal = self._journal(part)
@@ -91,9 +90,9 @@ class Store:
             yield cell, self._read(part)
 
     def written(self, folder: Path) -> Iterator[tuple[Any, pa.Table]]:
-        """Rows of every part, which go to ``timings.parquet`` and ``results.parquet`` of a folder on the way.
+        """Rows of every part, while ``timings.parquet`` and ``results.parquet`` of a folder are written.
 
-        The two files appear when the last part has been taken.
+        The two files appear after the last part.
         """
         with (
             self._writer(folder / "timings.parquet", self.timings) as add_timings,
@@ -131,7 +130,7 @@ class Store:
         journal.unlink()
 
     def _read(self, part: str) -> pa.Table:
-        """Rows of a part, when they have their checksum and are its own."""
+        """Rows of a part, where checksum and columns are right."""
         path = self._parquet(part)
         with _whole(path), pq.ParquetFile(path) as file:
             table = file.read()
@@ -140,7 +139,7 @@ class Store:
             return table.replace_schema_metadata()
 
     def _lines(self, path: Path) -> list[dict]:
-        """Results in a journal; the end of it that is no whole line is cut off."""
+        """Results in a journal; an incomplete last line is cut off."""
         if not path.exists():
             return []
         data = path.read_bytes()
@@ -188,12 +187,12 @@ class Store:
 
 @contextmanager
 def locked_store(out: str | Path, study: Study) -> Iterator[Store]:
-    """Store of a study in a folder that no other run uses meanwhile.
+    """Store of a study in a folder, locked against other runs.
 
     Raises
     ------
     StudyError
-        Where another run is at work, or the folder holds another study that this one does not just extend.
+        Where another run has the lock, or the study does not extend the one in the folder.
     OutputError
         For a folder that cannot be written.
     """
@@ -206,7 +205,7 @@ def locked_store(out: str | Path, study: Study) -> Iterator[Store]:
 
 
 def _remember(path: Path, study: Study) -> None:
-    """Keep what the results depend on; refuse to mix them with those of another study."""
+    """Save the settings that the results depend on; raise where the folder has those of another study."""
     if path.exists():
         try:
             changed = study.difference(json.loads(path.read_text(encoding="utf-8")))

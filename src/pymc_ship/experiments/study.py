@@ -1,7 +1,4 @@
-"""What a study is to the engine: tasks, how one is done, what is kept of it and how the results are reported.
-
-A grid of experiments is one; a TOML file names any other by its import path.
-"""
+"""Interface of a study: tasks, work on one, settings, report. A grid is one; a TOML file names any other."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from pymc_ship.machine.toml import Entry
 
 
 class Study(Protocol):
-    """What the engine asks of a study, which is a dataclass."""
+    """Interface of a study, which is a dataclass."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -29,21 +26,21 @@ class Study(Protocol):
 
     @property
     def scores(self) -> Mapping[str, pa.DataType]:
-        """Columns of a result beside seed, status and sentence."""
+        """Columns of a result besides seed, status and sentence."""
 
     @property
     def timed(self) -> tuple[str, ...]:
-        """Parts of a task whose seconds are kept."""
+        """Parts of a task whose seconds are recorded."""
 
     @property
     def n_tasks(self) -> int:
         """Number of tasks."""
 
     def remarks(self) -> list[str]:
-        """Sentences on what it read that are shown before it begins."""
+        """Sentences shown before the first task."""
 
     def parts(self) -> Iterator[tuple[Any, range, str]]:
-        """Every cell's seeds in parts, and the name of the part's results without an ending.
+        """Seeds of every cell in parts, each with its file name without suffix.
 
         A cell is a dataclass of texts and numbers, which are columns of the results.
         """
@@ -58,10 +55,10 @@ class Study(Protocol):
         """A result without work."""
 
     def record(self) -> dict:
-        """What the results depend on, as it is kept beside them."""
+        """The settings that the results depend on, saved with them."""
 
     def difference(self, old: Mapping) -> str:
-        """First thing in which this study does more than extend that of another record; empty where none does."""
+        """First setting that does not merely extend the study of another record; empty where none."""
 
     def report(self, store: Any) -> tuple[list[dict], Path]:
         """Write tables and page of a complete :class:`pymc_ship.experiments.store.Store`; main table and page."""
@@ -75,10 +72,4 @@ class StudyKind(Study, Protocol):
 
     @classmethod
     def read(cls, file: Entry, folder: Path) -> Self:
-        """Study of the table of a TOML file, in a folder from which the paths in it count.
-
-        Raises
-        ------
-        StudyError
-            For what cannot be used; the sentence names the key.
-        """
+        """Study of the table of a TOML file; its paths are relative to the folder. Raises a StudyError that names the key."""

@@ -1,4 +1,4 @@
-"""Tables of a Monte-Carlo study: scores by cell with bootstrap standard errors, costs, and a plan of a larger study."""
+"""Tables of a Monte-Carlo study: scores by cell with bootstrap standard errors, costs, and a plan."""
 
 from __future__ import annotations
 
@@ -19,23 +19,14 @@ BEYOND = 1_000_000
 """Tasks of the study that is planned."""
 
 CORES = (64, 1024)
-"""Cores it is planned for, beside those of the run."""
+"""Numbers of cores of the plan, in addition to those of the run."""
 
 
 def cell_row(cell: Cell, rows: Mapping[str, np.ndarray]) -> dict:
-    """Scores of a cell with their standard errors, and how its tasks ended.
+    """Fields and ``seeds`` of a cell, the number of each status, and each score with its ``_se``.
 
-    Parameters
-    ----------
-    cell : Cell
-    rows : mapping of str to ndarray, shape (n_seeds,)
-        ``status`` and the scores. A task without coefficients counts as infinitely wrong and as covering nothing, one
-        without a tactical diameter as infinitely wrong in that.
-
-    Returns
-    -------
-    dict
-        The fields of the cell, ``seeds``, the number of each status, and each score with its ``_se``.
+    ``rows`` are ``status`` and the scores, shape (n_seeds,). A task without coefficients has an infinite error and a
+    coverage of 0; one without a tactical diameter has an infinite error in that.
     """
     row = asdict(cell) | {"seeds": len(rows["status"])}
     row |= {status: int(np.sum(rows["status"] == status)) for status in STATUSES}
@@ -47,14 +38,14 @@ def cell_row(cell: Cell, rows: Mapping[str, np.ndarray]) -> dict:
 
 
 def _with_error(values: np.ndarray, statistic: str) -> tuple[float, float]:
-    """Statistic and its standard error: none of a single seed or of what is infinite."""
+    """Statistic and its standard error; NaN for a single seed or an infinite statistic."""
     value, se = statistic_and_error(values, statistic)
     return value, se if len(values) > 1 and math.isfinite(value) else float("nan")
 
 
 @dataclass
 class Session:
-    """Costs of the tasks that one call of the program did.
+    """Costs of the tasks of one call of the program.
 
     Attributes
     ----------
@@ -67,7 +58,7 @@ class Session:
     wall : float
         From the start to the last result [s].
     parent : float
-        Time in which the parent hands out a task and keeps its result [s].
+        Time in which the parent sends a task and saves its result [s].
     """
 
     executor: str
@@ -87,13 +78,13 @@ class Session:
 
     @property
     def overhead(self) -> float:
-        """Share [%] of the workers' time that went into none of the parts."""
+        """Percentage of the workers' time outside the parts."""
         return 100.0 * (1.0 - self.seconds / (self.workers * self.wall))
 
 
 @dataclass
 class Costs:
-    """What the tasks of a study cost, added up part by part.
+    """Costs of the tasks of a study, added part by part.
 
     Attributes
     ----------
@@ -146,7 +137,7 @@ def group_rows(costs: Costs) -> list[dict]:
 
 
 def session_rows(costs: Costs) -> list[dict]:
-    """Each session in the order of their starts: workers, tasks, wall time against the sum of the parts."""
+    """Each session by its start: workers, tasks, wall time against the sum of the parts."""
     rows = []
     for number, (_, session) in enumerate(sorted(costs.sessions.items()), start=1):
         row = {"session": number} | asdict(session)
@@ -157,18 +148,9 @@ def session_rows(costs: Costs) -> list[dict]:
 
 @dataclass(frozen=True)
 class Sizes:
-    """What a study takes besides time.
+    """Files of parts, and bytes on disk and ``sent`` for each task and result; ``build`` [s] of the tables.
 
-    Attributes
-    ----------
-    files, disk : int
-        Files of parts, and bytes of all results.
-    sent : int
-        Bytes of a task and its result between parent and worker.
-    memory : int or None
-        Largest resident memory of the parent [bytes]; None on Windows, where it is not measured.
-    build : float
-        Seconds to read all parts and write the tables.
+    ``memory`` is the largest resident memory of the parent [bytes]; None on Windows.
     """
 
     files: int
@@ -179,13 +161,7 @@ class Sizes:
 
 
 def plan_rows(costs: Costs, sizes: Sizes, tasks: int = BEYOND) -> list[dict]:
-    """What a study of so many tasks of this kind would take, each number from what this one cost.
-
-    Returns
-    -------
-    list of dict
-        quantity, value, unit, and ``measured``: what it is computed from.
-    """
+    """Extrapolated costs of a study of so many tasks: quantity, value, unit, and ``measured``, their source."""
     n, cpu, seconds, best = costs.tasks, costs.mean("cpu"), costs.mean("seconds"), costs.longest
     parent, efficiency = best.parent, best.seconds / (best.workers * best.wall)
     rows = [("processor time", tasks * cpu / 3600.0, "h", f"{cpu:.3g} s a task")]
@@ -208,7 +184,7 @@ def plan_rows(costs: Costs, sizes: Sizes, tasks: int = BEYOND) -> list[dict]:
 
 
 def bottleneck(costs: Costs, tasks: int = BEYOND) -> str:
-    """Sentence on what would limit a study of so many tasks."""
+    """Sentence on the bottleneck of a study of so many tasks."""
     seconds, parent = costs.mean("seconds"), costs.longest.parent
     most, hours = seconds / parent, tasks * parent / 3600.0
     return (

@@ -1,6 +1,6 @@
-"""One task of a Monte-Carlo study: one method on one ship, manoeuvre, noise and seed, with its scores and seconds.
+"""One task of a Monte-Carlo study: one method on one ship, manoeuvre, noise and seed.
 
-The noise depends on ship, manoeuvre, kind, level and number of the data set, so that all methods have the same records.
+The noise does not depend on the method, so all methods have the same records.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Task:
-    """What one task measures.
+    """One method on one data set.
 
     Attributes
     ----------
@@ -93,19 +93,17 @@ class Task:
     noise : str
         Key of :data:`pymc_ship.records.files.noise.NOISES`.
     level : float
-        Noise level, as :func:`pymc_ship.pollute` takes it.
+        Noise level, as in :func:`pymc_ship.pollute`.
     method : str
         Key of :data:`METHODS`, or the name of ``own``.
-    seed : int
-        Number of the data set.
-    root : int
-        Root of every random number.
+    seed, root : int
+        Number of the data set, and root of every random number.
     duration : float
         Of the record [s].
     block : str
-        Where the result belongs.
+        Part of the result in the store.
     own : callable or None
-        Method of the user's own; None for one of :data:`METHODS`.
+        User-defined method; None for one of :data:`METHODS`.
     """
 
     vessel: Vessel
@@ -120,30 +118,21 @@ class Task:
     own: Method | None = None
 
     def rng(self) -> np.random.Generator:
-        """Generator of the noise: that of every method on this data set."""
+        """Generator of the noise, the same for every method."""
         data_set = self.vessel.name, self.manoeuvre.label, self.noise, self.level, self.seed
         return generator(self.root, "Monte-Carlo noise", *data_set)
 
 
 class _NoCoefficientsError(ValueError):
-    """A record that no ship can be fitted to."""
+    """A record to which no ship can be fitted."""
 
 
 def measure_task(task: Task) -> dict:
-    """Simulate, pollute, fit and score; a method that fails is a result like any other.
+    """Simulate, pollute, fit and score; a method that fails gives a result with a sentence.
 
-    Errors of the machine, :data:`pymc_ship.machine.workers.MACHINE`, are not, nor is a method that returns no
-    :class:`Estimate` of the vessel, which is a StudyError: they are raised.
-
-    Parameters
-    ----------
-    task : Task
-
-    Returns
-    -------
-    dict
-        ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), those of
-        :data:`SCORES` [%, NaN where there is none], those of :data:`PARTS` [s] and ``cpu``, the processor time [s].
+    Keys: ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), those of :data:`SCORES`
+    [%, NaN where there is none], those of :data:`PARTS` [s] and ``cpu``, the processor time [s]. Raises errors of the
+    machine, :data:`pymc_ship.machine.workers.MACHINE`, and a StudyError for a method that returns no :class:`Estimate`.
     """
     began, parts, scores = process_time(), dict.fromkeys(PARTS, 0.0), dict.fromkeys(SCORES, float("nan"))
     with one_thread(), warnings.catch_warnings():
@@ -160,7 +149,7 @@ def measure_task(task: Task) -> dict:
 
 
 def empty_result(task: Task) -> dict:
-    """Result of a task without any work, from which the cost of keeping results is measured."""
+    """Result of an empty task, from which the cost of saving results is measured."""
     empty = dict.fromkeys(SCORES, float("nan")) | dict.fromkeys((*PARTS, "cpu"), 0.0)
     return {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""} | empty
 
@@ -177,10 +166,10 @@ def _fit_and_score(task: Task, parts: dict[str, float], scores: dict[str, float]
         estimate = (task.own or METHODS[task.method])(noisy, task.vessel)
     _check_estimate(task, estimate)
     with stopwatch(parts, "score"):
-        found = estimate.scores(task.vessel)
+        errors = estimate.scores(task.vessel)
         if not np.isfinite(estimate.coefficients).all():
             raise _NoCoefficientsError("the coefficients are not finite")
-        scores |= {"median_error": found["median"], "coverage": found["coverage"]}
+        scores |= {"median_error": errors["median"], "coverage": errors["coverage"]}
         scores["tactical_diameter_error"], diverged_at = turn_error(task.vessel, estimate.coefficients)
     if np.isfinite(diverged_at):
         return "diverged", f"the identified ship diverged in the {TURN.label} at t = {diverged_at:g} s"
@@ -188,22 +177,22 @@ def _fit_and_score(task: Task, parts: dict[str, float], scores: dict[str, float]
 
 
 def _check_estimate(task: Task, estimate: object) -> None:
-    """Raise unless a method has returned coefficients and ends of intervals of the vessel."""
+    """Raise a StudyError unless a method returned coefficients and interval ends of the right shape."""
     size = reference_coefficients(task.vessel).size
-    found = f"a {type(estimate).__name__}"
+    returned = f"a {type(estimate).__name__}"
     if isinstance(estimate, Estimate):
         shapes = [np.shape(value) for value in (estimate.coefficients, estimate.lower, estimate.upper)]
         if shapes == 3 * [(size,)]:
             return
-        found = f"shapes {', '.join(map(str, shapes))}"
+        returned = f"shapes {', '.join(map(str, shapes))}"
     raise StudyError(
         f"The method {task.method!r} must return an Estimate whose coefficients, lower and upper have shape ({size},) "
-        f"for {task.vessel.name!r}, found {found}; correct it."
+        f"for {task.vessel.name!r}, found {returned}; correct it."
     )
 
 
 def turn_error(vessel: Vessel, coefficients: np.ndarray) -> tuple[float, float]:
-    """Error of the tactical diameter [%] and when the turn diverged [s], both NaN where there is none."""
+    """Error of the tactical diameter [%] and time at which the turn diverged [s], NaN where there is none."""
     ships = np.stack([coefficients, reference_coefficients(vessel)])
     turned = simulate(vessel, TURN, duration=TURN_DURATION, record_interval=0.5, coefficients=ships)
     diameter = indices(turned)["tactical_diameter"].values
@@ -214,7 +203,7 @@ def turn_error(vessel: Vessel, coefficients: np.ndarray) -> tuple[float, float]:
 
 @contextmanager
 def stopwatch(parts: dict[str, float], name: str) -> Iterator[None]:
-    """Add the seconds of what is done inside to those of a part."""
+    """Add the elapsed seconds to those of a part."""
     start = perf_counter()
     try:
         yield
