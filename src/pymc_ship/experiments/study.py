@@ -72,4 +72,4 @@ class StudyKind(Study, Protocol):
 
     @classmethod
     def read(cls, file: Entry, folder: Path) -> Self:
-        """Study of the table of a TOML file; its paths are relative to the folder. Raises a StudyError that names the key."""
+        """Study of the table of a TOML file, with paths relative to the folder; a StudyError names a wrong key."""
