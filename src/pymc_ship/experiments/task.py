@@ -131,8 +131,12 @@ def measure_task(task: Task) -> dict:
     """Simulate, pollute, fit and score; a method that fails gives a result with a sentence.
 
     Keys: ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), those of
-    :data:`SCORES` [%, NaN where there is none], those of :data:`PARTS` [s] and ``cpu``, the processor time [s]. Raises errors of the
-    machine, :data:`pymc_ship.machine.workers.MACHINE`, and a StudyError for a method that returns no :class:`Estimate`.
+    :data:`SCORES` [%, NaN where there is none], those of :data:`PARTS` [s] and ``cpu``, the processor time [s].
+
+    Raises
+    ------
+    StudyError
+        For a method that returns no :class:`Estimate`; errors of :data:`pymc_ship.machine.workers.MACHINE` pass.
     """
     began, parts, scores = process_time(), dict.fromkeys(PARTS, 0.0), dict.fromkeys(SCORES, float("nan"))
     with one_thread(), warnings.catch_warnings():
