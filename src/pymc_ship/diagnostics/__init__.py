@@ -1,5 +1,15 @@
-"""Diagnostics of posteriors and their page: convergence, contraction, residuals, cross-validation, sensitivity.
+"""Convergence, contraction, residuals, cross-validation and sensitivity of posteriors, and their page.
 
-Kinds of posterior: `regression` (one degree of freedom) and `trajectory` (all coefficients); each `*_parts` file
-writes the sections of its kind, from the numbers, tables and figures of the files of that name.
+- `numbers`: convergence, correlation, whiteness, cross-validation and sensitivity of any posterior.
+- `regression`: contraction, residuals and predictive draws of a regression.
+- `trajectory`: contraction, directions and residuals of a trajectory fit.
+- `agreement`: draws compared with the exact posterior of the same data and prior.
+- `tables`: tables of quantities, chains and agreement.
+- `figures`: figures of a diagnosed posterior.
+- `trajectory_figures`: figures of a diagnosed trajectory fit.
+- `parts`: kinds of posterior, and the parts that all sections share.
+- `regression_parts`: parts of a section on a regression.
+- `group_parts`: the part on the groups of a hierarchical posterior.
+- `trajectory_parts`: parts of a section on a trajectory fit.
+- `page`: the diagnostic page of saved posteriors.
 """
