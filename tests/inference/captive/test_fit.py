@@ -7,7 +7,13 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.inference.captive.fit import CaptiveFit, fit_captive, held_motion, known_tests, shared_with_trials
+from pymc_ship.inference.captive.fit import (
+    CaptiveFit,
+    captive_motion,
+    fit_captive,
+    nominal_revolution_tests,
+    with_discrepancy,
+)
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood, coefficient_prior
 from pymc_ship.physics.motion.captive import captive_test_derivatives, captive_test_forces
 from pymc_ship.physics.vessel.parts import FIXED_SD
@@ -67,15 +73,15 @@ def test_beside_the_prior_the_likelihood_is_the_fit(tanker):
 def test_terms_take_the_tests_at_nominal_revolutions_alone():
     vessel = ps.load_vessel("kvlcc2")
     tests = xr.Dataset({"n": ("test", vessel.propeller.n * np.array([1.0, 0.97, 0.8]))})
-    assert known_tests(tests, vessel).sizes["test"] == 2
-    assert known_tests(tests, ps.with_terms(vessel, PARTS)).sizes["test"] == 3
+    assert nominal_revolution_tests(tests, vessel).sizes["test"] == 2
+    assert nominal_revolution_tests(tests, ps.with_terms(vessel, PARTS)).sizes["test"] == 3
 
 
 def test_motion_takes_revolutions_where_parts_do(tanker):
     zeros = dict.fromkeys(("u", "v", "r", "delta"), ("test", np.zeros(1)))
     tests = xr.Dataset(zeros | {"n": ("test", np.array([1.513]))})
-    assert held_motion(tests, tanker[0])["n"] == pytest.approx(1.0)
-    assert "n" not in held_motion(tests, ps.load_vessel("kvlcc2"))
+    assert captive_motion(tests, tanker[0])["n"] == pytest.approx(1.0)
+    assert "n" not in captive_motion(tests, ps.load_vessel("kvlcc2"))
 
 
 class TestSharedWithTrials:
@@ -85,7 +91,7 @@ class TestSharedWithTrials:
     def shared(self, discrepancy_scale):
         likelihood = GaussianLikelihood(100.0 * np.eye(4), 100.0 * discrepancy_scale * np.array([1.0, -1.0, 1.0, -1.0]))
         fit = CaptiveFit(np.zeros(4), self.covariance, likelihood, {}, 1.0)
-        found = shared_with_trials(fit, self.prior, np.zeros(4), self.covariance)
+        found = with_discrepancy(fit, self.prior, np.zeros(4), self.covariance)
         return found.likelihood, found.discrepancy_scale
 
     def test_where_both_agree_the_tests_count_in_full(self):
@@ -103,7 +109,7 @@ class TestSharedWithTrials:
 def test_slopes_and_likelihood_are_of_the_same_coefficients(tanker):
     vessel, prior = tanker
     tests = program(vessel, np.random.default_rng(2), prior.mean)
-    _, slopes = captive_test_derivatives(vessel, held_motion(tests, vessel), prior.mean)
+    _, slopes = captive_test_derivatives(vessel, captive_motion(tests, vessel), prior.mean)
     blind = np.all(slopes == 0.0, axis=(0, 1))
     fit = fit_captive(tests, vessel, prior)
     np.testing.assert_allclose(fit.likelihood.design[:, blind], 0.0, atol=1e-12)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.inference.captive.fit import held_motion, known_tests
+from pymc_ship.inference.captive.fit import captive_motion, nominal_revolution_tests
 from pymc_ship.inference.captive.table import FORCES
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.tables import fixed_point
@@ -31,22 +31,22 @@ def captive_bands(
     Parameters
     ----------
     tests : Dataset, dims (test,)
-        From :func:`pymc_ship.read_captive`; tests at other than the model's revolutions are left out.
+        From :func:`pymc_ship.read_captive`; tests at other revolutions than those of the model are left out.
     vessel : Vessel
     draws : mapping of str to ndarray, shape (n_draws, n_coefficients)
-        Draws of the coefficients by the name of their distribution.
+        By the name of their distribution.
     revolutions : float, optional
         Nominal revolutions on the carriage over those of the vessel.
 
     Returns
     -------
     Dataset, dims (test,), (drawn, band, test)
-        Motion and measured forces of the tests; ``X_band``, ``Y_band`` and ``N_band`` of the measured forces.
+        The tests, and ``X_band``, ``Y_band`` and ``N_band`` of the measured forces.
     """
-    tests = known_tests(tests, vessel)
+    tests = nominal_revolution_tests(tests, vessel)
     s = vessel.particulars
     table = tests.assign_coords(drawn=list(draws), band=list(BANDS)).assign_attrs(U_nom=s.nominal_speed, L=s.L)
-    forces = [captive_test_forces(vessel, held_motion(tests, vessel, revolutions), rows) for rows in draws.values()]
+    forces = [captive_test_forces(vessel, captive_motion(tests, vessel, revolutions), rows) for rows in draws.values()]
     for name in (name for name in FORCES if name in tests):
         row = DOFS.index(_DOF[name])
         bands = [np.quantile(one[:, row], _TAILS, axis=0) for one in forces]
@@ -55,10 +55,7 @@ def captive_bands(
 
 
 def comparison_rows(bands: xr.Dataset) -> list[dict]:
-    """R2, root mean square residual, and fraction of tests inside the bands, by force and distribution of the draws.
-
-    Forces are prime at the nominal speed, as in the fit.
-    """
+    """R2, rms residual (prime at the nominal speed) and fraction of tests inside the bands, by force and draws."""
     weight = (bands["u"].values ** 2 + bands["v"].values ** 2) / bands.attrs["U_nom"] ** 2
     rows = []
     for name in (name for name in FORCES if f"{name}_band" in bands):

@@ -1,8 +1,7 @@
 """Fit of the coefficients to captive tests: a Gaussian likelihood with its own noise and design effect.
 
-Forces are compared at the scale of the nominal speed. The noise is the residual of X, Y and N, mostly model error that
-tests at one speed and side share; the design effect corrects for that. Coefficients may differ between carriage and
-ship under way by a discrepancy scale, in prior sd, that the trials determine by empirical Bayes.
+The noise is the residual of each force, prime at the nominal speed: mostly model error, which tests at one speed and
+side share. The design effect corrects for that.
 """
 
 from __future__ import annotations
@@ -26,10 +25,10 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel, coefficient_names
 
 _ROWS = [DOFS.index(dof) for dof in ("surge", "sway", "yaw")]
-_NOMINAL = 0.05  # share by which revolutions may be off the nominal ones for terms, which know no others
-_PASSES, _SETTLED = 20, 0.01
-_LEAST = 1e-3  # of the largest force: the noise of exact ones
-_SAME_SPEED = 0.05
+_NOMINAL = 0.05  # largest relative deviation from the nominal revolutions for a polynomial model
+_PASSES, _SETTLED = 20, 0.01  # iterations of the noise, and its relative tolerance
+_LEAST = 1e-3  # least noise over the largest force, for exact forces
+_SAME_SPEED = 0.05  # width of the groups of tests in the logarithm of the speed
 _REVOLUTIONS = 0.1  # sd of the nominal revolutions on a carriage over those of the vessel
 
 
@@ -39,9 +38,8 @@ class CaptiveFit:
 
     Attributes
     ----------
-    coefficients : ndarray, shape (n_coefficients,)
-        Most probable ones.
-    covariance : ndarray, shape (n_coefficients, n_coefficients)
+    coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
+        Posterior mode and its Gaussian covariance.
     likelihood : GaussianLikelihood
         Of the tests, without the prior.
     noise_sd : dict of str to float
@@ -49,7 +47,7 @@ class CaptiveFit:
     design_effect : float
         Variance of the estimate over that of independent rows.
     revolutions : float
-        Nominal revolutions of the model on the carriage over those of the vessel.
+        Nominal revolutions on the carriage over those of the vessel.
     discrepancy_scale : float
         Sd of the difference of coefficients between carriage and ship, over the prior sd.
     """
@@ -65,19 +63,16 @@ class CaptiveFit:
     __repr__ = field_text
 
 
-def held_motion(tests: xr.Dataset, vessel: Vessel, revolutions: float = 1.0) -> dict[str, np.ndarray]:
-    """Motion of captive tests as :func:`pymc_ship.physics.motion.captive.captive_test_forces` takes it.
-
-    ``revolutions`` are the nominal ones on the carriage over those of the vessel.
-    """
+def captive_motion(tests: xr.Dataset, vessel: Vessel, revolutions: float = 1.0) -> dict[str, np.ndarray]:
+    """Motion of captive tests for :func:`~pymc_ship.physics.motion.captive.captive_test_forces`."""
     motion = {name: tests[name].values for name in ("u", "v", "r", "delta")}
     if vessel.modular and "n" in tests:
         motion["n"] = tests["n"].values / ship_dimensions(vessel).n / revolutions
     return motion
 
 
-def known_tests(tests: xr.Dataset, vessel: Vessel) -> xr.Dataset:
-    """Tests that a vessel's forces stand for: terms know the nominal revolutions alone."""
+def nominal_revolution_tests(tests: xr.Dataset, vessel: Vessel) -> xr.Dataset:
+    """Tests that the model can describe: for polynomial terms, those at the nominal revolutions alone."""
     if vessel.modular or "n" not in tests or vessel.propeller is None:
         return tests
     return tests.isel(test=np.abs(tests["n"].values / vessel.propeller.n - 1.0) < _NOMINAL)
@@ -92,7 +87,7 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
         From :func:`pymc_ship.read_captive`.
     vessel : Vessel, str or Path
     prior : CoefficientPrior
-        With a finite scale of every coefficient. Nominal revolutions are free on the carriage.
+        With a finite scale of every coefficient. The nominal revolutions on the carriage are estimated.
 
     Returns
     -------
@@ -103,7 +98,7 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     InferenceError
         For a prior without a scale of some coefficient, or of another vessel.
     TrialError
-        If no test is at the nominal revolutions, for terms that need them.
+        If a polynomial model has no test at the nominal revolutions.
 
     Examples
     --------
@@ -129,79 +124,76 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
             f"coefficients of {vessel.name!r}, found {int(np.isfinite(prior.scale).sum())} of {prior.scale.size}; use "
             "coefficient_prior with order_damped."
         )
-    tests = known_tests(tests, vessel)
+    tests = nominal_revolution_tests(tests, vessel)
     if not tests.sizes["test"]:
         raise TrialError(
-            f"Terms stand for the nominal revolutions alone, found none of the captive tests of {vessel.name!r} within "
-            f"{_NOMINAL:.0%} of them; choose sets of parts, or state the propeller's own n."
+            f"A polynomial model needs captive tests within {_NOMINAL:.0%} of the nominal revolutions, found none for "
+            f"{vessel.name!r}; choose a modular model, or correct n of the propeller."
         )
-    own = [k for k, name in enumerate(coefficient_names(vessel)) if name == NOMINAL_REVOLUTIONS and "n" in tests]
-    held = prior.scale[own] < _REVOLUTIONS
-    free = np.where(np.isin(np.arange(prior.scale.size), own), _REVOLUTIONS, 0.0)
-    prior = replace(prior, scale=np.maximum(prior.scale, free))
+    revolution_index = [
+        k for k, name in enumerate(coefficient_names(vessel)) if name == NOMINAL_REVOLUTIONS and "n" in tests
+    ]
+    fixed_revolutions = prior.scale[revolution_index] < _REVOLUTIONS
+    least_scale = np.where(np.isin(np.arange(prior.scale.size), revolution_index), _REVOLUTIONS, 0.0)
+    prior = replace(prior, scale=np.maximum(prior.scale, least_scale))
     rows, weight = _rows(tests, vessel), _weight(tests, vessel)
-    measured = [place for place, name in enumerate(FORCES) if name in tests]
-    least = np.array([_LEAST * np.abs(tests[name] * weight).max() if name in tests else np.nan for name in FORCES])
-    at, scale, sd = prior.mean, prior.scale, np.ones(len(FORCES))
+    measured = [row for row, name in enumerate(FORCES) if name in tests]
+    least_noise = np.array(
+        [_LEAST * np.abs(tests[name] * weight).max() if name in tests else np.nan for name in FORCES]
+    )
+    coefficients, scale, sd = prior.mean, prior.scale, np.ones(len(FORCES))
     for _ in range(_PASSES):
-        at = _mode(rows, prior, at, sd, measured)
-        misfit, slopes = rows(at)
-        noise = np.maximum(np.sqrt(np.mean(misfit**2, axis=1)), least)
+        coefficients = _mode(rows, prior, coefficients, sd, measured)
+        misfit, slopes = rows(coefficients)
+        noise = np.maximum(np.sqrt(np.mean(misfit**2, axis=1)), least_noise)
         settled = np.allclose(noise[measured], sd[measured], rtol=_SETTLED)
         sd = noise
         if settled:
             break
-    white = np.concatenate([slopes[place] / sd[place] for place in measured])
-    left = np.concatenate([misfit[place] / sd[place] for place in measured])
+    design = np.concatenate([slopes[row] / sd[row] for row in measured])
+    residuals = np.concatenate([misfit[row] / sd[row] for row in measured])
     groups = np.tile(_groups(tests), len(measured))
-    design_effect = _design_effect(white, left, groups, scale)
-    white, left = white / np.sqrt(design_effect), left / np.sqrt(design_effect)
-    orthogonal, triangle = np.linalg.qr(white)
-    values = triangle @ at + orthogonal.T @ left
+    design_effect = _design_effect(design, residuals, groups, scale)
+    design, residuals = design / np.sqrt(design_effect), residuals / np.sqrt(design_effect)
+    orthogonal, triangle = np.linalg.qr(design)
+    response = triangle @ coefficients + orthogonal.T @ residuals
     precision = triangle.T @ triangle + np.diag(scale**-2.0)
     size = np.sqrt(np.diag(precision))
     covariance = np.linalg.inv(precision / np.outer(size, size)) / np.outer(size, size)
-    found = CaptiveFit(at, covariance, GaussianLikelihood(triangle, values), _by_force(sd, measured), design_effect)
-    return _at_own_revolutions(found, own[0]) if own and held.all() else found
+    fit = CaptiveFit(
+        coefficients, covariance, GaussianLikelihood(triangle, response), _by_force(sd, measured), design_effect
+    )
+    return _at_own_revolutions(fit, revolution_index[0]) if revolution_index and fixed_revolutions.all() else fit
 
 
 def _by_force(sd: np.ndarray, measured: list[int]) -> dict[str, float]:
-    return {FORCES[place]: float(sd[place]) for place in measured}
+    return {FORCES[row]: float(sd[row]) for row in measured}
 
 
 def _at_own_revolutions(fit: CaptiveFit, column: int) -> CaptiveFit:
-    """Fit whose likelihood takes the nominal revolutions of the carriage, in this column, as found."""
+    """Fit whose likelihood has the nominal revolutions of the carriage, in this column, at their estimate."""
     rows, n_0 = fit.likelihood.design.copy(), float(fit.coefficients[column])
-    values = fit.likelihood.response - rows[:, column] * (n_0 - 1.0)
-    return replace(fit, likelihood=GaussianLikelihood(rows, values), revolutions=n_0)
+    response = fit.likelihood.response - rows[:, column] * (n_0 - 1.0)
+    return replace(fit, likelihood=GaussianLikelihood(rows, response), revolutions=n_0)
 
 
-def shared_with_trials(
+def with_discrepancy(
     fit: CaptiveFit, prior: CoefficientPrior, coefficients: np.ndarray, covariance: np.ndarray
 ) -> CaptiveFit:
-    """Fit whose likelihood is of the coefficients under way, with the discrepancy scale between carriage and ship.
+    """Fit whose likelihood is of the coefficients under way, by a commensurate prior between carriage and ship.
 
-    Parameters
-    ----------
-    fit : CaptiveFit
-        Of the coefficients on the carriage.
-    prior : CoefficientPrior
-    coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
-        Of the ship by her trials and the prior alone.
+    ``coefficients`` and ``covariance`` are those of the ship from its trials and the prior alone.
     """
-    likelihood, (share,) = commensurate_likelihood(fit.likelihood, prior, coefficients, covariance)
-    return replace(fit, likelihood=likelihood, discrepancy_scale=share)
+    likelihood, (discrepancy_scale,) = commensurate_likelihood(fit.likelihood, prior, coefficients, covariance)
+    return replace(fit, likelihood=likelihood, discrepancy_scale=discrepancy_scale)
 
 
 Rows = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def _rows(tests: xr.Dataset, vessel: Vessel) -> Rows:
-    """Function from coefficients to what they leave of the forces, (3, n_tests), and the slopes of theirs.
-
-    NaN where a force was not measured.
-    """
-    motion, weight = held_motion(tests, vessel), _weight(tests, vessel)
+    """Function from coefficients to residual forces and their slopes, (3, n_tests, ...), NaN where not measured."""
+    motion, weight = captive_motion(tests, vessel), _weight(tests, vessel)
     missing = np.full(weight.size, np.nan)
     measured = np.array([tests[name].values if name in tests else missing for name in FORCES]) * weight
 
@@ -222,14 +214,14 @@ def _mode(rows: Rows, prior: CoefficientPrior, start: np.ndarray, sd: np.ndarray
 
     def residuals(step: np.ndarray) -> np.ndarray:
         misfit = rows(prior.mean + prior.scale * step)[0]
-        return np.concatenate([step, *(misfit[place] / sd[place] for place in measured)])
+        return np.concatenate([step, *(misfit[row] / sd[row] for row in measured)])
 
     def jacobian(step: np.ndarray) -> np.ndarray:
         slopes = rows(prior.mean + prior.scale * step)[1]
-        return np.vstack([np.eye(step.size), *(-slopes[place] * prior.scale / sd[place] for place in measured)])
+        return np.vstack([np.eye(step.size), *(-slopes[row] * prior.scale / sd[row] for row in measured)])
 
-    found = least_squares(residuals, (start - prior.mean) / prior.scale, jacobian)
-    return prior.mean + prior.scale * found.x
+    solution = least_squares(residuals, (start - prior.mean) / prior.scale, jacobian)
+    return prior.mean + prior.scale * solution.x
 
 
 def _groups(tests: xr.Dataset) -> np.ndarray:
@@ -239,15 +231,11 @@ def _groups(tests: xr.Dataset) -> np.ndarray:
     return np.unique(np.column_stack([speed, *sides]), axis=0, return_inverse=True)[1]
 
 
-def _design_effect(white: np.ndarray, left: np.ndarray, groups: np.ndarray, scale: np.ndarray) -> float:
-    """Variance of the gradients of groups over that of rows independent of each other, 1 or more.
-
-    As of windows, :mod:`pymc_ship.inference.trajectory.windows`: tr(C G) / tr(C H) in the directions that the rows
-    determine.
-    """
-    design = white * scale
-    H = design.T @ design
-    gradients = np.array([design[groups == k].T @ left[groups == k] for k in np.unique(groups)])
+def _design_effect(design: np.ndarray, residuals: np.ndarray, groups: np.ndarray, scale: np.ndarray) -> float:
+    """Design effect tr(C G) / tr(C H), 1 or more, as of windows (:mod:`pymc_ship.inference.trajectory.windows`)."""
+    scaled = design * scale
+    H = scaled.T @ scaled
+    gradients = np.array([scaled[groups == k].T @ residuals[groups == k] for k in np.unique(groups)])
     C, n = np.linalg.inv(H + np.eye(scale.size)), len(gradients)
     G = gradients.T @ gradients * (n / max(n - 1, 1))
     return float(max(np.trace(C @ G) / np.trace(C @ H), 1.0))

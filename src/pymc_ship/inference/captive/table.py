@@ -58,7 +58,7 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     vessel : Vessel, str or Path
         For L and the nominal speed.
     format : str, Path or mapping, optional
-        TOML file, or its table: ``frame.rudder_positive``, ``frame.reference``, ``frame.forces``, ``scale.froude``; see
+        TOML file or table with ``frame.rudder_positive``, ``frame.reference``, ``frame.forces``, ``scale.froude``; see
         docs/reference/format_toml.md.
 
     Returns

@@ -25,7 +25,7 @@ def cramer_rao_bound(
     *,
     method: str = "rk4",
 ) -> xr.DataArray:
-    """Cramer-Rao bound on the sd of coefficients from clean trials with white noise added.
+    """Cramer-Rao bound on the sd of coefficients (prime) from clean trials with white noise added.
 
     Parameters
     ----------
@@ -36,11 +36,6 @@ def cramer_rao_bound(
         Noise sd of single samples by channel [SI], for all runs or for each.
     method : {"rk4", "euler"}, optional
         Integrator of the trials.
-
-    Returns
-    -------
-    DataArray, dims (coefficient,)
-        Prime values; see :func:`pymc_ship.identifiability`.
     """
     trials = trial_list(trials)
     noises = [noise_sd] * len(trials) if isinstance(noise_sd, Mapping) else list(noise_sd)
@@ -55,26 +50,18 @@ def cramer_rao_bound(
 
 
 def errors_on_bound(relative_bound: np.ndarray) -> dict[str, float]:
-    """Expected error summary of normal, unbiased estimates that reach the bound.
+    """Expected :func:`tables.error_summary` of normal, unbiased estimates that reach the relative bound [%].
 
-    Parameters
-    ----------
-    relative_bound : ndarray
-        [%] of each coefficient; NaN for a reference of zero, infinite for an unidentified coefficient.
-
-    Returns
-    -------
-    dict
-        As :func:`tables.error_summary`: expected percentages of coefficients under each limit, and median error [%].
+    The bound is NaN for a reference of zero, infinite for an unidentified coefficient.
     """
-    known = relative_bound[~np.isnan(relative_bound)]
+    bounds = relative_bound[~np.isnan(relative_bound)]
 
     def probability(limit: float) -> float:
         """Mean probability of an error under a limit [%]."""
-        return float(np.mean(erf(limit / (np.sqrt(2.0) * known))))
+        return float(np.mean(erf(limit / (np.sqrt(2.0) * bounds))))
 
-    most = 10.0 * np.max(known, initial=0.0, where=np.isfinite(known))
+    most = 10.0 * np.max(bounds, initial=0.0, where=np.isfinite(bounds))
     half = most and probability(most) > 0.5
     median = brentq(lambda error: probability(error) - 0.5, 0.0, most) if half else float("inf")
     counts = {f"under_{limit:g}": 100.0 * probability(limit) for limit in SHARES}
-    return {"coefficients": known.size, "median": median, **counts}
+    return {"coefficients": bounds.size, "median": median, **counts}

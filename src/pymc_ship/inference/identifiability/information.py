@@ -1,8 +1,7 @@
 """Fisher information of runs, Cramer-Rao bound of the coefficients, and unidentified directions.
 
-The Fisher information of a run is S' S, S the sensitivities of the trajectory in units of the noise. Initial states and
-sensor offsets are nuisance parameters, whose columns are projected out (Schur complement). All results come from the
-triangular factor R of the projected sensitivities, R' R = information, for accuracy.
+The Fisher information of a run is S' S = R' R, S the sensitivities of the trajectory in units of the noise after the
+columns of the initial states and sensor offsets are projected out (Schur complement).
 """
 
 from __future__ import annotations
@@ -28,21 +27,9 @@ _SMALLEST = 1e-12
 def information_root(
     vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, initial_state: np.ndarray
 ) -> np.ndarray | None:
-    """Factor R of the Fisher information R' R of one run, nuisance parameters eliminated.
+    """Factor R of the Fisher information R' R of one run, nuisance parameters eliminated; None if it diverged.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    run : Run
-    noise : Noise
-        Noise of the run; its offsets, if any, are nuisance parameters.
-    coefficients : ndarray, shape (n_coefficients,)
-    initial_state : ndarray, shape (n_states,)
-
-    Returns
-    -------
-    ndarray, shape (n, n_coefficients), or None
-        One row for each coefficient (for each value of a short run); None if the simulation diverged.
+    Shape (n, n_coefficients): one row for each coefficient, or for each value of a short run.
     """
     n_offsets = len(run.channels) if noise.offsets else 0
     nuisances = np.concatenate([initial_state, np.zeros(n_offsets)])
@@ -69,8 +56,7 @@ def identifiability(
     Parameters
     ----------
     runs : Dataset, Run, or sequence of them
-        Measured trials, or simulated ones with ``noise_sd``; see
-        :func:`pymc_ship.inference.trajectory.runs.trajectory_run`.
+        Measured trials, or simulated ones with ``noise_sd``.
     vessel : Vessel, str or Path
     prior : CoefficientPrior, optional
         Its scales with factors tau of 1; flat by default.
@@ -86,12 +72,12 @@ def identifiability(
     Returns
     -------
     Dataset, dims (coefficient, direction)
-        ``reference``; ``bound``, the Cramer-Rao bound on the sd, infinite for an unidentified coefficient, and
-        ``relative_bound`` [% of the reference; NaN if that is 0]. With the prior: ``prior_sd``, ``bayesian_bound`` (van
-        Trees), ``contraction`` (1 - posterior over prior variance). ``weight`` (direction, coefficient): unidentified
-        directions, unit vectors in prior sd (for a flat prior, in inverse norms of the sensitivities), the least known
-        first; ``share`` (direction): posterior over prior variance, above one half. Prime values. Attrs:
-        ``n_determined`` directions, and ``condition_number`` of the sensitivities scaled to unit norm.
+        Prime values. ``reference``; ``bound``, the Cramer-Rao bound on the sd, infinite for an unidentified
+        coefficient; ``relative_bound`` [% of the reference; NaN if that is 0]. With the prior: ``prior_sd``,
+        ``bayesian_bound`` (van Trees), ``contraction`` (1 - posterior over prior variance). ``weight`` (direction,
+        coefficient): unidentified directions, unit vectors in prior sd (for a flat prior, in inverse norms of the
+        sensitivities), the least known first; ``share`` (direction): posterior over prior variance, above one half.
+        Attrs: ``n_determined`` directions, and ``condition_number`` of the sensitivities scaled to unit norm.
 
     Raises
     ------
@@ -126,7 +112,7 @@ def identifiability(
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(reference == 0.0, np.nan, 100.0 * bound / np.abs(reference))
         contraction = np.where(np.isinf(bayesian_bound), 0.0, 1.0 - (bayesian_bound / prior_sd) ** 2)
-    weight, share = _unknown_directions(root, prior_sd)
+    weight, variance_ratio = _unknown_directions(root, prior_sd)
     columns = {
         "reference": reference,
         "bound": bound,
@@ -136,15 +122,15 @@ def identifiability(
         "contraction": contraction,
     }
     s = np.linalg.svd(root / _norms(root), compute_uv=False)
-    lost = root.shape[0] < root.shape[1] or s[-1] <= _SMALLEST * s[0]
+    singular = root.shape[0] < root.shape[1] or s[-1] <= _SMALLEST * s[0]
     return xr.Dataset(
         {name: ("coefficient", values) for name, values in columns.items()}
-        | {"weight": (("direction", "coefficient"), weight), "share": ("direction", share)},
+        | {"weight": (("direction", "coefficient"), weight), "share": ("direction", variance_ratio)},
         {"coefficient": coefficient_names(vessel)},
         {
             "vessel": vessel.name,
-            "n_determined": root.shape[1] - share.size,
-            "condition_number": np.inf if lost else float(s[0] / s[-1]),
+            "n_determined": root.shape[1] - variance_ratio.size,
+            "condition_number": np.inf if singular else float(s[0] / s[-1]),
         },
     ).assign_coords(dof=("coefficient", [vessel.dofs[g] for g in coefficient_dofs(vessel)]))
 
@@ -200,9 +186,9 @@ def _posterior_sd(root: np.ndarray, prior_sd: np.ndarray) -> np.ndarray:
     stacked = np.vstack([root, np.diag(1.0 / prior_sd)])
     norms = _norms(stacked)
     _, s, right = np.linalg.svd(stacked / norms, full_matrices=False)
-    lost = s <= _SMALLEST * s.max(initial=0.0)
-    sd = np.linalg.norm(right[~lost] / s[~lost, None], axis=0) / norms
-    return np.where(np.linalg.norm(right[lost], axis=0) > np.sqrt(_SMALLEST), np.inf, sd)
+    null = s <= _SMALLEST * s.max(initial=0.0)
+    sd = np.linalg.norm(right[~null] / s[~null, None], axis=0) / norms
+    return np.where(np.linalg.norm(right[null], axis=0) > np.sqrt(_SMALLEST), np.inf, sd)
 
 
 def _unknown_directions(root: np.ndarray, prior_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -211,7 +197,7 @@ def _unknown_directions(root: np.ndarray, prior_sd: np.ndarray) -> tuple[np.ndar
     free = root[:, flat] / _norms(root[:, flat])
     # columns of coefficients with a prior are projected on the complement of those without
     parts = ((~flat, _without(root[:, ~flat] * prior_sd[~flat], free), 1.0), (flat, free, 0.0))
-    weights, shares = [], []
+    weights, variance_ratios = [], []
     for which, columns, precision in parts:
         _, s, right = np.linalg.svd(columns, full_matrices=True)
         s = np.append(s, np.zeros(len(right) - s.size))
@@ -221,7 +207,7 @@ def _unknown_directions(root: np.ndarray, prior_sd: np.ndarray) -> tuple[np.ndar
         weight = np.zeros((unknown.sum(), prior_sd.size))
         weight[:, which] = right[unknown]
         weights.append(weight)
-        shares.append(variance[unknown])
-    share = np.concatenate(shares)
-    order = np.argsort(-share, kind="stable")
-    return np.vstack(weights)[order], share[order]
+        variance_ratios.append(variance[unknown])
+    variance_ratio = np.concatenate(variance_ratios)
+    order = np.argsort(-variance_ratio, kind="stable")
+    return np.vstack(weights)[order], variance_ratio[order]

@@ -85,24 +85,18 @@ class RegressionData:
         scaling, time, **labels
             As :meth:`from_arrays`.
 
-        Returns
-        -------
-        RegressionData
-            With the term names of formulae, such as ``Intercept`` and ``v:r``.
-
         Raises
         ------
         InferenceError
-            If formulae is not installed, for a formula that does not fit the table or has group-level terms, and as
-            :meth:`from_arrays`.
+            Without formulae, for a formula with group-level terms or that does not fit, and as :meth:`from_arrays`.
 
         References
         ----------
         Capretto et al. (2022), Bambi, Journal of Statistical Software 103(15), doi:10.18637/jss.v103.i15.
         """
-        design_matrix, response, read = formula_rows(formula, frame)
-        data = cls.from_arrays(design_matrix, response, read.names, scaling=scaling, time=time, **labels)
-        return replace(data, formula=read)
+        design_matrix, response, parsed_formula = formula_rows(formula, frame)
+        data = cls.from_arrays(design_matrix, response, parsed_formula.names, scaling=scaling, time=time, **labels)
+        return replace(data, formula=parsed_formula)
 
     @classmethod
     def from_arrays(
@@ -125,18 +119,13 @@ class RegressionData:
         coefficients : sequence of str, optional
             Names of the columns, ``x1``, ``x2``, ... by default; for a DataFrame the columns to use, all by default.
         scaling : {"none", "zscore"}, optional
-            Whether priors are of the columns as they are, or of columns and response of unit mean square, centred if
-            the design has a constant column.
+            "zscore": priors are of columns and response of unit mean square, centred if one column is constant.
         time : array_like, shape (n_rows,), optional
             Coordinate of the rows [s].
         run : sequence of str, length n_rows, optional
             Run of each row.
         **labels : str
             The attributes from ``dof`` to ``record_remarks``.
-
-        Returns
-        -------
-        RegressionData
 
         Raises
         ------
@@ -157,9 +146,9 @@ class RegressionData:
         varies = np.ptp(X, axis=0) > 1e-14 * np.abs(X).max(axis=0)
         constants = np.flatnonzero(~varies & (X[0] != 0.0))
         constant = int(constants[0]) if constants.size else -1
-        rows = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
-        if rows.shape != y.shape:
-            raise InferenceError(f"The time has one value for each of {len(y)} rows, found shape {rows.shape}.")
+        times = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
+        if times.shape != y.shape:
+            raise InferenceError(f"The time has one value for each of {len(y)} rows, found shape {times.shape}.")
         runs = np.full(len(y), "1") if run is None else np.array(run, dtype=str)
         if runs.shape != y.shape:
             raise InferenceError(f"Each of {len(y)} rows is of one run, found runs of shape {runs.shape}.")
@@ -172,15 +161,15 @@ class RegressionData:
             response_center=0.0,
             response_scale=1.0,
             constant=constant,
-            time=rows,
+            time=times,
             run=runs,
             formula=None,
             **labels,
         )
         check_choice("The scaling", scaling, SCALINGS, InferenceError)
-        return data if scaling == "none" else data._zscored(varies)
+        return data if scaling == "none" else data._zscore(varies)
 
-    def _zscored(self, varies: np.ndarray) -> RegressionData:
+    def _zscore(self, varies: np.ndarray) -> RegressionData:
         idle = [name for j, name in enumerate(self.coefficients) if not varies[j] and j != self.constant]
         if idle:
             raise InferenceError(

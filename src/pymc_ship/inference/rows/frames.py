@@ -30,27 +30,21 @@ def frame_names(frame: Any) -> tuple[str, ...]:
 
 
 def frame_columns(frame: Any, names: Sequence[str], what: str) -> np.ndarray:
-    """Columns of a table by name, in the order of the names, shape (n_rows, n_names).
-
-    Raises
-    ------
-    InferenceError
-        For missing, repeated or non-numeric columns; ``what`` is the subject of the message.
-    """
+    """Columns of a table by name, shape (n_rows, n_names); InferenceError if missing, repeated or not numeric."""
     check_names(frame, names, what)
-    given, values = frame_names(frame), frame.to_numpy()
-    columns = [_numbers(values[:, given.index(name)], name, what) for name in names]
+    available, values = frame_names(frame), frame.to_numpy()
+    columns = [_numbers(values[:, available.index(name)], name, what) for name in names]
     return np.column_stack(columns) if columns else np.empty((len(values), 0))
 
 
 def check_names(frame: Any, names: Sequence[str], what: str) -> None:
     """Raise InferenceError unless a table has each of the named columns once."""
-    given = frame_names(frame)
-    wrong = [name for name in names if given.count(name) != 1]
+    available = frame_names(frame)
+    wrong = [name for name in names if available.count(name) != 1]
     if wrong:
         raise InferenceError(
-            f"{what} need the columns {_name_list(names)}, each of them once; found {_name_list(given)}; add or rename "
-            f"{_name_list(wrong)}."
+            f"{what} need the columns {_name_list(names)}, each of them once; found {_name_list(available)}; add or "
+            f"rename {_name_list(wrong)}."
         )
 
 
@@ -79,19 +73,8 @@ def check_same_rows(design_matrix: Any, response: Any) -> None:
 def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | None = None) -> np.ndarray:
     """Design matrix of new rows, shape (n_new, n_terms).
 
-    Parameters
-    ----------
-    new_rows : array_like, shape (n_new, n_terms), or DataFrame
-        Terms in the order of the coefficients; or a table with these columns in any order, or with the variables of
-        the formula; other columns are ignored.
-    coefficients : sequence of str
-    formula : Formula, optional
-        Formula of the fitted rows.
-
-    Raises
-    ------
-    InferenceError
-        For another shape, missing or repeated columns, values that are not finite.
+    New rows are an array of the terms in order, or a table with these columns or with the variables of the formula.
+    InferenceError for another shape, missing or repeated columns, values that are not finite.
     """
     if not is_frame(new_rows):
         X = _floats(new_rows)
@@ -119,17 +102,9 @@ def _floats(values: Any) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Formula:
-    """Formula of a regression, to evaluate for new rows.
+    """Formula of a regression, to evaluate for new rows: names of the terms, and columns that they are made from.
 
-    Attributes
-    ----------
-    text : str
-    names : tuple of str
-        Terms, in the order of the columns.
-    variables : tuple of str
-        Columns of a table that the terms are made from.
-    terms : formulae.matrices.CommonEffectsMatrix
-        Terms with the state of transformations such as ``scale(v)`` on the fitted table.
+    ``terms`` (formulae.matrices.CommonEffectsMatrix) keep the state of transformations such as ``scale(v)``.
     """
 
     text: str
@@ -148,14 +123,7 @@ class Formula:
 
 
 def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Formula]:
-    """Design matrix, response and formula, evaluated for a table.
-
-    Raises
-    ------
-    InferenceError
-        If formulae is not installed or cannot read the formula, the response is missing or no number, or terms are
-        group-level or missing.
-    """
+    """Design matrix, response and formula of a table; InferenceError for a formula that cannot be used."""
     try:
         from formulae import design_matrices
     except ImportError:
@@ -165,14 +133,14 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
     if not is_frame(frame):
         raise InferenceError(f"A formula needs a table, found {short_repr(type(frame))}; give a DataFrame.")
     try:
-        read = design_matrices(formula, frame, na_action="error", env=_FRAMES)
+        matrices = design_matrices(formula, frame, na_action="error", env=_FRAMES)
     except Exception as error:  # a formula may call anything
         raise InferenceError(_sentence(formula, "the table", error)) from None
     checks = {
-        "no response": read.response is None,
-        "a response that is no number": read.response is not None and read.response.kind != "numeric",
-        "terms that vary by group": read.group is not None,
-        "no term": read.common is None,
+        "no response": matrices.response is None,
+        "a response that is no number": matrices.response is not None and matrices.response.kind != "numeric",
+        "terms that vary by group": matrices.group is not None,
+        "no term": matrices.common is None,
     }
     faults = " and ".join(fault for fault, present in checks.items() if present)
     if faults:
@@ -180,11 +148,11 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
             "A formula has a response and terms that are the same for all rows, such as 'Y ~ v + r', found "
             f"{faults} in {short_repr(formula)}; change it."
         )
-    named = read.common.as_dataframe()
-    used = set().union(*(term.var_names for term in read.common.terms.values()))
+    named = matrices.common.as_dataframe()
+    used = set().union(*(term.var_names for term in matrices.common.terms.values()))
     variables = tuple(name for name in frame_names(frame) if name in used)
-    text = Formula(formula, frame_names(named), variables, read.common)
-    return np.asarray(named, dtype=float), np.asarray(read.response.design_matrix, dtype=float), text
+    text = Formula(formula, frame_names(named), variables, matrices.common)
+    return np.asarray(named, dtype=float), np.asarray(matrices.response.design_matrix, dtype=float), text
 
 
 def _sentence(formula: str, what: str, error: Exception) -> str:

@@ -38,23 +38,23 @@ def regression_data(
     """Design matrix and response of one degree of freedom, from one trial or several.
 
     Differences need a denoised trial. The weak form takes the trial as measured: its rows are means under test
-    functions of 10 s, without a derivative, and it denoises the motion in the terms itself. Rows closer than 4 s share
-    noise, which the posterior ignores: its intervals are then too narrow.
+    functions of 10 s, without a derivative; it denoises the motion in the terms. Rows closer than 4 s share noise,
+    which the posterior ignores: its intervals are then too narrow.
 
     Parameters
     ----------
     trial : Dataset, dims (time,), or sequence or mapping of such
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] if the vessel rolls; uniform time [s]. The rows of
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] if the vessel rolls; uniform time [s]. Rows of
         several trials are stacked under one scaling; ``run`` is the key of a mapping, else 1, 2, ...
     vessel : Vessel, str or Path
         Particulars, inertia and the terms of the DOF; its reference coefficients are not used.
     dof : {"surge", "sway", "yaw", "roll"}
     interval : float, optional
-        Interval of the rows [s], a multiple of the sampling interval; by default every sample, or about 4 s between
-        the centres of test functions.
+        Interval of the rows [s], a multiple of the sampling interval; by default every sample, about 4 s for the weak
+        form.
     derivative : {"euler", "central", "savgol", "weak", "weak_euler"}, optional
-        Method of the accelerations, see :func:`pymc_ship.records.denoising.derivative.derivative`; or the weak form:
-        "weak" for measured records, "weak_euler" for records of Euler steps of the sampling interval.
+        Accelerations by :func:`pymc_ship.records.denoising.derivative.derivative`; or the weak form, "weak" for
+        measured records, "weak_euler" for records of Euler steps of the sampling interval.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def regression_data(
         [str(name) for name in vessel.coefficients(dof)["coefficient"].values],
         scaling="zscore",
         time=time,
-        run=np.repeat(list(trials), [own.size for _, _, own in parts]),
+        run=np.repeat(list(trials), [times.size for _, _, times in parts]),
         dof=dof,
         vessel=vessel.name,
         derivative=derivative,
@@ -134,7 +134,7 @@ def _difference_rows(
     from pymc_ship.records.denoising.derivative import derivative as differentiate
 
     record, step = motion_record(trial, vessel), sampling_interval(trial)
-    motion, speed, known = prime_record(vessel, record)
+    motion, speed, known_forces = prime_record(vessel, record)
     L = vessel.particulars.L
     acceleration = [
         to_prime(f"{name}dot", differentiate(record[name], step, method=derivative), speed, L)
@@ -143,7 +143,7 @@ def _difference_rows(
         for name in VELOCITIES
     ]
     index = DOFS.index(dof)
-    response = vessel.inertia_matrix[index] @ np.array(acceleration) - known[index]
+    response = vessel.inertia_matrix[index] @ np.array(acceleration) - known_forces[index]
     begin, end = _WITHOUT_DIFFERENCE.get(derivative, (0, 0))
     rows = np.arange(speed.size - end)[:: stride or 1]
     rows = rows[rows >= begin]

@@ -1,13 +1,7 @@
-"""Weak form: the equations of motion integrated against test functions, so that no record is differentiated.
+"""Weak form: the equations of motion integrated against test functions phi, so that no record is differentiated.
 
-J L_i nu_dot_i = U^2 (Phi theta + known forces), nu = (u, v, r, p), L_i = (L, L, L^2, L^2), times a test function phi of
-compact support, integrated by parts:
-
-    -sum_k phi'_k (J L nu_k) = sum_k phi_k U_k^2 (Phi_k theta + known_k)
-
-The left side takes the record as measured; the motion in the terms on the right is denoised, because noise in powers
-and absolute values biases the coefficients. Bortz, Messenger & Dukic (2023), Bull. Math. Biol. 85:110,
-doi:10.1007/s11538-023-01208-6; evidence of the scales after MacKay (1992), Neural Computation 4(3):415.
+-sum_k phi'_k (J L nu_k) = sum_k phi_k U_k^2 (Phi_k theta + known_k), L = (L, L, L^2, L^2); Bortz, Messenger & Dukic
+(2023), doi:10.1007/s11538-023-01208-6. The motion in the terms is denoised, as noise in powers biases coefficients.
 """
 
 from __future__ import annotations
@@ -60,10 +54,8 @@ class WeakForm:
     ----------
     time : ndarray, shape (n_rows,)
         Centres of the test functions [s].
-    design_matrices : dict of str to ndarray, shape (n_rows, n_terms)
-        By DOF: mean of the terms times (U/U_nom)^2 under each test function.
-    responses : dict of str to ndarray, shape (n_rows,)
-        By DOF: mean hydrodynamic force, a prime value at the nominal speed.
+    design_matrices, responses : dict of str to ndarray, shape (n_rows, n_terms), (n_rows,)
+        By DOF: means under each test function of the terms times (U/U_nom)^2, and of the prime force at nominal speed.
     """
 
     time: np.ndarray
@@ -72,26 +64,10 @@ class WeakForm:
 
 
 def bump(step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:
-    """Test function (1 - s^2)^6 over [-1, 1] radii, of unit sum, and its derivative.
+    """Test function (1 - s^2)^6 over [-1, 1] radii, of unit sum, and its derivative [1/s], shape (2 n_radius + 1,).
 
-    Parameters
-    ----------
-    step : float
-        Sampling interval [s], at most a quarter of :data:`RADIUS`.
-    method : {"euler", "rk4"}, optional
-        "euler": phi'_k = (phi_k - phi_(k-1)) / step, exact for forward differences. "rk4": the derivative of phi.
-
-    Returns
-    -------
-    phi, dphi : ndarray, shape (2 n_radius + 1,)
-        dphi in 1/s.
-
-    Raises
-    ------
-    ValueError
-        For an unknown method.
-    TrialError
-        For a step that is too long.
+    Method "euler" differentiates by phi'_k = (phi_k - phi_(k-1)) / step, exact for forward differences; "rk4" exactly.
+    TrialError for a step [s] above a quarter of :data:`RADIUS`.
     """
     check_choice("The method of a record", method, METHODS)
     n_radius = round(RADIUS / step)
@@ -112,18 +88,13 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] if the vessel rolls; uniform time [s]; not
-        denoised.
+        Channels as for :func:`pymc_ship.regression_data`, not denoised.
     vessel : Vessel
         Particulars, inertia and terms; its reference coefficients are not used.
     stride : int, optional
         Samples from one centre to the next; :data:`INTERVAL` by default.
     method : {"euler", "rk4"}, optional
         See :func:`bump`.
-
-    Returns
-    -------
-    WeakForm
 
     Raises
     ------
@@ -143,11 +114,11 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
             f"over {(n_time - 1) * step:g} s; use a longer trial."
         )
     average, differentiate = (_windows(kernel, centres - n_radius, n_time) for kernel in (phi, dphi))
-    motion, speed, known = prime_record(vessel, _denoise_motion(trial, record))
+    motion, speed, known_forces = prime_record(vessel, _denoise_motion(trial, record))
     weight = (speed / vessel.particulars.nominal_speed) ** 2
     terms = tuple(dict.fromkeys(term for dof in vessel.dofs for term in vessel.terms(dof)))
     columns = average @ (evaluate(terms, motion) * weight[:, None])
-    force = -(differentiate @ _momentum(vessel, record).T) - average @ (known * weight).T
+    force = -(differentiate @ _momentum(vessel, record).T) - average @ (known_forces * weight).T
     design = {dof: columns[:, [terms.index(term) for term in vessel.terms(dof)]] for dof in vessel.dofs}
     responses = {dof: np.ascontiguousarray(force[:, DOFS.index(dof)]) for dof in vessel.dofs}
     return WeakForm(trial["time"].values[centres], design, responses)
@@ -163,8 +134,7 @@ def weak_form_start(
 ) -> np.ndarray:
     """Posterior mean of the weak form under the prior N(mean_j, (tau scale_j)^2): the start of a trajectory fit.
 
-    tau and the noise variance of each DOF maximise the evidence of the rows of all trials. Parameters of parts stay at
-    their means.
+    tau and the noise variance of each DOF maximise the evidence of all rows; parameters of parts stay at their means.
 
     Parameters
     ----------
@@ -172,14 +142,10 @@ def weak_form_start(
         Runs as measured; see :func:`weak_form`.
     vessel : Vessel, str or Path
     mean, scale : ndarray, shape (n_coefficients,)
-        Prior of all coefficients, DOF after DOF in the order of :func:`~equations_of_motion.reference_coefficients`.
-        A scale of infinity is a flat prior, 0 fixes a coefficient at its mean.
+        Prior, in the order of :func:`~equations_of_motion.reference_coefficients`; a scale of infinity is a flat prior,
+        0 fixes a coefficient at its mean.
     method : {"euler", "rk4"}, optional
         See :func:`bump`.
-
-    Returns
-    -------
-    ndarray, shape (n_coefficients,)
 
     Raises
     ------
@@ -211,20 +177,7 @@ def coefficient_scales(
 ) -> np.ndarray:
     """Scale of each coefficient: rms(force) / rms(term) over the rows of the weak form, the force that of a first fit.
 
-    Parameters
-    ----------
-    trials, vessel, method
-        As :func:`weak_form_start`.
-
-    Returns
-    -------
-    ndarray, shape (n_coefficients,)
-        Positive prime values, in the order of :func:`~equations_of_motion.reference_coefficients`.
-
-    Raises
-    ------
-    TrialError
-        As :func:`weak_form`, and for terms that no trial excites.
+    Arguments as :func:`weak_form_start`; positive prime values in its order. TrialError also for terms that stay 0.
     """
     vessel = as_vessel(vessel)
     scales = []
@@ -288,19 +241,9 @@ def _stack_rows(
 
 
 def evidence_posterior_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Posterior mean of coefficients with prior scales and noise variance of maximum evidence.
+    """Posterior mean of coefficients with prior scales and noise variance of maximum evidence, shape (n_terms,).
 
-    Parameters
-    ----------
-    X : ndarray, shape (n_rows, n_terms)
-    y : ndarray, shape (n_rows,)
-        Rows taken as independent and equally noisy.
-    mean, scale : ndarray, shape (n_terms,)
-        Prior N(mean_j, (tau scale_j)^2); infinity is a flat prior, 0 fixes a coefficient at its mean.
-
-    Returns
-    -------
-    ndarray, shape (n_terms,)
+    Rows (X, y) count as independent and equally noisy. Prior N(mean_j, (tau scale_j)^2) as in :func:`weak_form_start`.
     """
     free = np.isinf(scale)
     coefficients, residual = mean.copy(), y - X @ mean
@@ -320,7 +263,7 @@ def evidence_posterior_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scal
 
 
 def _evidence_ridge(X: np.ndarray, y: np.ndarray, n_rows: int) -> np.ndarray:
-    """Ridge coefficients with prior and noise variance by MacKay's fixed point; ``n_rows`` counts free rows."""
+    """Ridge coefficients by the fixed point of MacKay (1992), Neural Comput. 4(3):415; ``n_rows``: free rows."""
     left, s, right = np.linalg.svd(X, full_matrices=False)
     z = left.T @ y
     outside = np.sum((y - left @ z) ** 2)

@@ -58,8 +58,7 @@ def denoise(
     Raises
     ------
     ValueError
-        For a channel that is missing, not finite or not a function of time alone, for times that are not uniform, and
-        as :func:`denoise_signal`.
+        For a channel that is missing, not finite or not over time alone, uneven times, and as :func:`denoise_signal`.
 
     Examples
     --------
@@ -96,10 +95,12 @@ def denoise(
 
 def channels_to_denoise(trial: xr.Dataset, channels: Sequence[str] | None) -> list[str]:
     """Names of the channels to denoise, checked; by default the motion channels of the trial."""
-    known = channel_names(lambda channel: channel.denoised)
-    names = [name for name in known if name in trial] if channels is None else list(channels)
+    motion_channels = channel_names(lambda channel: channel.denoised)
+    names = [name for name in motion_channels if name in trial] if channels is None else list(channels)
     if not names:
-        raise ValueError(f"Denoising needs one of the channels {', '.join(known)}, found none; name the channels.")
+        raise ValueError(
+            f"Denoising needs one of the channels {', '.join(motion_channels)}, found none; name the channels."
+        )
     check_trial(trial, names)
     return names
 
@@ -119,8 +120,8 @@ def denoise_signal(
     """Denoise a uniformly sampled signal, by empirical-Bayes thresholding of its wavelet coefficients or a smoother.
 
     Every level of detail is thresholded with its own weight and scale by :mod:`pymc_ship.records.denoising.ebayes`; the
-    noise standard deviation is 1.4826 times the median absolute deviation, about the median, of the finest level. A
-    signal without noise is returned unchanged.
+    noise sd is 1.4826 times the median absolute deviation, about the median, of the finest level. A signal without
+    noise is returned unchanged.
 
     Parameters
     ----------
@@ -132,16 +133,15 @@ def denoise_signal(
     translation_invariant : bool, optional
         Whether to average over all shifts (stationary transform) or to use the decimated transform.
     method : {"wavelet", "savitzky_golay", "low_pass", "rts"}, optional
-        The smoothers choose their parameter by generalised cross-validation (window of local cubics; cut-off of a
-        zero-phase Butterworth filter) or by marginal likelihood (variance of a random-walk slope), and take no option.
+        The smoothers take no option: generalised cross-validation chooses their window or cut-off, marginal likelihood
+        the variance of the random-walk slope.
     scale : float or None, optional
         Scale of the Laplace density; None estimates it.
     rule : {"median", "mean", "hard", "soft"}, optional
     levels : int or None, optional
         Levels of detail; by default floor(log2(n_time)) - 3.
     boundary : {"reflect", "periodic"}, optional
-        Extension past the ends, see :data:`~pymc_ship.records.denoising.wavelets.BOUNDARIES`. "periodic" needs a
-        length that is a multiple of 2**levels.
+        See :data:`~pymc_ship.records.denoising.wavelets.BOUNDARIES`. "periodic" needs a multiple of 2**levels samples.
 
     Returns
     -------

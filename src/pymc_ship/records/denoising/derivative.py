@@ -16,7 +16,7 @@ DERIVATIVES = ("euler", "central", "savgol")
 def derivative(
     values: ArrayLike, step: float, method: str = "savgol", *, window: float = 5.0, order: int = 3
 ) -> np.ndarray:
-    """Derivative of a uniformly sampled signal along its last axis.
+    """Derivative of a uniformly sampled signal along its last axis, per second, in its shape.
 
     Parameters
     ----------
@@ -32,11 +32,6 @@ def derivative(
     order : int, optional
         Order of its polynomial.
 
-    Returns
-    -------
-    ndarray, shape (..., n_time)
-        In units of the signal per second.
-
     Raises
     ------
     ValueError
@@ -45,10 +40,7 @@ def derivative(
 
     Examples
     --------
-    Of t squared, by forward and by central differences:
-
     >>> import numpy as np
-    >>> import pymc_ship as ps
     >>> from pymc_ship.records.denoising.derivative import derivative
     >>> time = 0.5 * np.arange(6)
     >>> print(derivative(time**2, step=0.5, method="euler"))

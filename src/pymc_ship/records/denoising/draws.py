@@ -32,7 +32,7 @@ def denoise_draws(
     Parameters
     ----------
     trial, wavelet, prior, translation_invariant, channels
-        As for :func:`pymc_ship.denoise`.
+        As for :func:`pymc_ship.denoise`, with the same errors.
     draws : int, optional
     rng : int, SeedSequence or Generator
     **options
@@ -44,11 +44,6 @@ def denoise_draws(
         The trial with draws of its denoised channels, independent of each other. Each ``isel(draw=k)`` is a trial,
         ``std("draw")`` the pointwise standard deviation.
 
-    Raises
-    ------
-    ValueError
-        As :func:`pymc_ship.denoise`, and for less than one draw.
-
     Examples
     --------
     Standard deviation of the sway velocity, on average over the record, and its error:
@@ -57,8 +52,8 @@ def denoise_draws(
     >>> import pymc_ship as ps
     >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=300, step=0.5)
     >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
-    >>> drawn = ps.denoise_draws(noisy, rng=np.random.default_rng(2))
-    >>> sd, error = drawn["v"].std("draw").mean(), (drawn["v"].mean("draw") - trial["v"]).std()
+    >>> draws = ps.denoise_draws(noisy, rng=np.random.default_rng(2))
+    >>> sd, error = draws["v"].std("draw").mean(), (draws["v"].mean("draw") - trial["v"]).std()
     >>> print(f"{1e3 * sd:.1f} mm/s, {1e3 * error:.1f} mm/s")
     4.4 mm/s, 3.1 mm/s
     """
@@ -71,10 +66,10 @@ def denoise_draws(
 
     with thread_pool(2) as pool:
         results = list(pool.map(draw, names, rng.spawn(len(names))))
-    drawn = trial.assign_coords(draw=np.arange(draws))
+    trial_draws = trial.assign_coords(draw=np.arange(draws))
     for name, values in zip(names, results, strict=True):
-        drawn[name] = (("draw", "time"), values, trial[name].attrs)
-    return drawn.assign_attrs(denoised=" ".join(names))
+        trial_draws[name] = (("draw", "time"), values, trial[name].attrs)
+    return trial_draws.assign_attrs(denoised=" ".join(names))
 
 
 def denoise_signal_draws(
@@ -87,35 +82,20 @@ def denoise_signal_draws(
     rng: Seed,
     **options: Any,
 ) -> np.ndarray:
-    """Draw a signal from the posterior behind :func:`pymc_ship.denoise_signal`.
+    """Draw a signal from the posterior behind :func:`pymc_ship.denoise_signal`, shape (draws, n_time).
 
-    In one orthogonal wavelet basis the spike-and-slab posterior is exact: the coefficients of detail are independent,
-    and the coarsest approximation is normal about its observation. The translation-invariant estimate is a mean over
-    the bases of all shifts of the signal: each draw takes one shift at random, so that the mean of the draws is the
-    estimate of the rule "mean". Noise standard deviation and prior of each level count as known.
+    In one orthogonal wavelet basis the spike-and-slab posterior is exact. The translation-invariant estimate is a mean
+    over the bases of all shifts (Coifman & Donoho 1995, doi:10.1007/978-1-4612-2544-7_9): each draw takes one shift at
+    random, so that the mean of the draws is the estimate of the rule "mean". Noise sd and priors count as known.
 
     Parameters
     ----------
     y, wavelet, prior, translation_invariant
-        As for :func:`pymc_ship.denoise_signal`.
+        As for :func:`pymc_ship.denoise_signal`, with the same errors.
     draws : int, optional
     rng : int, SeedSequence or Generator
     **options
         ``scale``, ``levels``, ``boundary`` of :func:`pymc_ship.denoise_signal`.
-
-    Returns
-    -------
-    ndarray, shape (draws, n_time)
-
-    Raises
-    ------
-    ValueError
-        As :func:`pymc_ship.denoise_signal`, and for less than one draw.
-
-    References
-    ----------
-    Johnstone & Silverman (2005), Ann. Statist. 33(4):1700, doi:10.1214/009053605000000345; Coifman & Donoho (1995),
-    Translation-invariant de-noising, doi:10.1007/978-1-4612-2544-7_9.
 
     Examples
     --------
@@ -125,8 +105,8 @@ def denoise_signal_draws(
     >>> import pymc_ship as ps
     >>> signal = np.sin(np.linspace(0, 10, 512))
     >>> noisy = signal + 0.1 * np.random.default_rng(1).standard_normal(512)
-    >>> drawn = ps.denoise_signal_draws(noisy, rng=np.random.default_rng(2))
-    >>> low, high = np.quantile(drawn, [0.05, 0.95], axis=0)
+    >>> draws = ps.denoise_signal_draws(noisy, rng=np.random.default_rng(2))
+    >>> low, high = np.quantile(draws, [0.05, 0.95], axis=0)
     >>> print(f"{np.mean((low < signal) & (signal < high)):.2f}")
     0.96
     """

@@ -1,11 +1,7 @@
-"""Empirical-Bayes thresholding of a vector of noisy means: Johnstone & Silverman (2004, 2005).
+"""Empirical-Bayes thresholding of noisy means, in units of the noise sd: Johnstone & Silverman (2004, 2005).
 
-A mean is zero with probability 1 - w, otherwise its density is Laplace, (a/2) exp(-a|u|), or quasi-Cauchy. Weight w
-and, if not given, scale a maximise the marginal likelihood. All but :func:`ebayes_threshold` is in units of the noise
-standard deviation.
-
-Johnstone & Silverman: Ann. Statist. 32(4):1594 (2004), doi:10.1214/009053604000000030; J. Stat. Softw. 12(8) (2005),
-doi:10.18637/jss.v012.i08; Ann. Statist. 33(4):1700 (2005), doi:10.1214/009053605000000345.
+A mean is 0 with probability 1 - w, else Laplace, (a/2) exp(-a|u|), or quasi-Cauchy; w and a maximise the marginal
+likelihood. Ann. Statist. 32(4):1594, doi:10.1214/009053604000000030; J. Stat. Softw. 12(8), doi:10.18637/jss.v012.i08.
 """
 
 from __future__ import annotations
@@ -53,13 +49,11 @@ class EbayesEstimate:
     Attributes
     ----------
     estimate : ndarray
-        Estimated means, in the shape and units of the data.
+        Estimated means, in the shape and units of the data, as ``sdev`` (of the noise) and ``threshold``.
     weight : float
         Probability that a mean is not zero.
     scale : float
         Scale a of the Laplace density in units of 1 / sdev; nan for the quasi-Cauchy density.
-    sdev, threshold : float
-        Noise standard deviation and threshold, in the units of the data.
     log_likelihood : float
         Marginal log likelihood minus that of weight 0 (all means zero).
     """
@@ -91,36 +85,25 @@ def ebayes_threshold(
     prior : {"laplace", "cauchy"}, optional
         Density of the means that are not zero.
     scale : float or None, optional
-        Scale a of the Laplace density in units of 1 / sdev; None estimates it with the weight by maximum marginal
-        likelihood within :data:`SCALE_BOX`. Ignored for the quasi-Cauchy density.
+        Scale a of the Laplace density in units of 1 / sdev; None estimates it within :data:`SCALE_BOX`.
     sdev : float or None, optional
-        Noise standard deviation; None takes 1.4826 times the median of abs(x). If that is zero, the data are returned
-        unchanged with weight 1.
+        Noise sd; None takes 1.4826 times the median of abs(x). If that is zero, the data are returned, with weight 1.
     rule : {"median", "mean", "hard", "soft"}, optional
     universal_bound : bool, optional
         Whether the posterior-median threshold may not exceed sdev sqrt(2 log n).
     threshold : {"posterior_median", "bayes_factor"}, optional
         Threshold to report, and to apply by the hard and soft rules.
 
-    Returns
-    -------
-    EbayesEstimate
-
     Raises
     ------
     ValueError
         For an unknown prior, rule or threshold, data that are empty or not finite, a scale or sdev not positive.
-
-    References
-    ----------
-    Johnstone & Silverman (2005), J. Stat. Softw. 12(8), doi:10.18637/jss.v012.i08.
 
     Examples
     --------
     Two of ten observations stand out from noise of standard deviation 1:
 
     >>> import numpy as np
-    >>> import pymc_ship as ps
     >>> from pymc_ship.records.denoising.ebayes import ebayes_threshold
     >>> result = ebayes_threshold(np.array([0.3, -0.8, 5.0, 0.5, -0.1, 1.2, -7.0, -0.4, 0.9, 0.2]))
     >>> print(result.estimate.round(1) + 0.0)
@@ -150,24 +133,9 @@ def mad(x: ArrayLike) -> float:
 def fit_prior(
     x: ArrayLike, prior: str = "laplace", scale: float | None = 0.5, *, universal_bound: bool = True
 ) -> tuple[float, float, float]:
-    """Weight, scale and log likelihood of the prior by maximum marginal likelihood.
+    """Weight, scale (nan if quasi-Cauchy) and log likelihood, less that of weight 0, of maximum marginal likelihood.
 
-    Parameters
-    ----------
-    x : array_like
-        Observations in units of the noise standard deviation.
-    prior, scale, universal_bound
-        As for :func:`ebayes_threshold`.
-
-    Returns
-    -------
-    weight, scale, log_likelihood : float
-        The scale is nan for the quasi-Cauchy density; the log likelihood is relative to weight 0.
-
-    Raises
-    ------
-    ValueError
-        For an unknown prior, a scale that is not positive, and data that are empty or not finite.
+    Arguments and errors as :func:`ebayes_threshold`, in units of the noise.
     """
     check_choice("The prior", prior, PRIORS)
     size = np.abs(_observations(x)).ravel()
@@ -247,13 +215,7 @@ def weight_from_threshold(threshold: ArrayLike, prior: str = "laplace", scale: A
 def threshold_from_weight(
     weight: float, prior: str = "laplace", scale: float = 0.5, threshold: str = "posterior_median"
 ) -> float:
-    """Threshold of a weight in [0, 1], one of :data:`THRESHOLDS`, in units of the noise; infinite for weight 0.
-
-    Raises
-    ------
-    ValueError
-        For an unknown prior or threshold, a scale that is not positive, a weight outside [0, 1].
-    """
+    """Threshold of a weight in [0, 1], one of :data:`THRESHOLDS`, in units of the noise; infinite for weight 0."""
     check_choice("The threshold", threshold, THRESHOLDS)
     code = _code(prior, scale)
     return threshold_value(float(_probability(weight)), float(code), threshold == "bayes_factor")

@@ -21,12 +21,9 @@ class Shrinkage:
     signal, trend : ndarray, shape (n_time,)
         The signal, and the parabola subtracted before the extension.
     padded : ndarray, shape (n_padded,)
-        Signal minus trend with its margins, ``before`` samples in front; the length is a multiple of 2**levels.
-    before, levels : int
-    filters : pywt.Wavelet
+        Signal minus trend, ``before`` samples in front; the length is a multiple of 2**levels.
     translation_invariant : bool
         Whether the posterior is a mixture over all shifts of the decimated transform.
-    prior : {"laplace", "cauchy"}
     fitted : tuple of (float, float)
         Weight and scale of each level of detail, coarsest first, in units of the noise; empty without noise.
     sdev : float
@@ -63,11 +60,11 @@ class Shrinkage:
         approximation, details = self._transform(np.roll(self.padded, -shift), False)
         # the coarsest approximation has a flat prior
         approximation = approximation + self.sdev * rng.standard_normal(approximation.size)
-        drawn = [
+        detail_draws = [
             self.sdev * posterior_draw(detail / self.sdev, weight, self.prior, scale, rng=rng)
             for detail, (weight, scale) in zip(details, self.fitted, strict=True)
         ]
-        return self._signal(np.roll(wavelets.inverse(approximation, drawn, self.filters, False), shift))
+        return self._signal(np.roll(wavelets.inverse(approximation, detail_draws, self.filters, False), shift))
 
     def _transform(self, padded: np.ndarray, translation_invariant: bool) -> tuple[np.ndarray, list[np.ndarray]]:
         return wavelets.transform(padded, self.filters, self.levels, translation_invariant)

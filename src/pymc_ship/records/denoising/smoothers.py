@@ -1,7 +1,7 @@
 """Linear smoothers with automatic choice of their parameter.
 
-Savitzky-Golay and low-pass filters minimise generalised cross-validation, n RSS / (n - tr H)^2, H the smoother matrix
-(Craven & Wahba 1979, doi:10.1007/BF01404567); the Rauch-Tung-Striebel smoother maximises the marginal likelihood.
+The filters minimise n RSS / (n - tr H)^2, H the smoother matrix (Craven & Wahba 1979, doi:10.1007/BF01404567); the
+Rauch-Tung-Striebel smoother maximises the marginal likelihood.
 """
 
 from __future__ import annotations
@@ -61,10 +61,7 @@ def savitzky_golay(signal: np.ndarray) -> Smooth:
 
 
 def low_pass(signal: np.ndarray) -> Smooth:
-    """Zero-phase Butterworth filter with a cut-off [cycles per sample], applied to the cosine transform.
-
-    The parabola with the end slopes of the signal is subtracted first, so that the mirror image has no kink.
-    """
+    """Zero-phase Butterworth filter with a cut-off [cycles per sample], by the cosine transform less a trend."""
     from scipy.fft import dct, idct
 
     n_time, trend = signal.size, wavelets.end_trend(signal)
@@ -79,11 +76,10 @@ def low_pass(signal: np.ndarray) -> Smooth:
 
 
 def rts(signal: np.ndarray) -> Smooth:
-    """Smoother of a signal whose slope is a random walk, with the variance q of maximum marginal likelihood.
+    """Smoother of Rauch, Tung & Striebel (1965), doi:10.2514/3.3166, for a random-walk slope, q of maximum likelihood.
 
-    x_{k+1} = x_k + s_k, s_{k+1} = s_k + w_k, y_k = x_k + e_k, var(w) = q var(e), flat priors of x_0 and s_0. The second
-    differences D y have covariance var(e) (q I + D D'), and the smoother of Rauch, Tung & Striebel (1965),
-    doi:10.2514/3.3166, is x = y - D' (q I + D D')^-1 D y.
+    x_{k+1} = x_k + s_k, s_{k+1} = s_k + w_k, y_k = x_k + e_k, var(w) = q var(e), flat priors of x_0 and s_0: D y, the
+    second differences, have covariance var(e) (q I + D D'), and x = y - D' (q I + D D')^-1 D y.
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded
     from scipy.optimize import minimize_scalar

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from pymc_ship.inference.captive.fit import CaptiveFit, fit_captive, shared_with_trials
+from pymc_ship.inference.captive.fit import CaptiveFit, fit_captive, with_discrepancy
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood, coefficient_prior
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
@@ -347,7 +347,7 @@ def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined
     discrepancy_scales: tuple[float, ...] = ()
     if training.captive is not None:
         tests = fit_captive(training.captive, vessel, prior)
-        tests = shared_with_trials(tests, prior, fit.coefficients, fit.covariance)
+        tests = with_discrepancy(tests, prior, fit.coefficients, fit.covariance)
     if problem.name in training.earlier:
         earlier = training.earlier[problem.name]
         if training.reloaded and vessel.modular:
