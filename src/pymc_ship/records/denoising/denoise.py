@@ -95,11 +95,11 @@ def denoise(
 
 def channels_to_denoise(trial: xr.Dataset, channels: Sequence[str] | None) -> list[str]:
     """Names of the channels to denoise, checked; by default the motion channels of the trial."""
-    motion_channels = channel_names(lambda channel: channel.denoised)
-    names = [name for name in motion_channels if name in trial] if channels is None else list(channels)
+    motion_names = channel_names(lambda channel: channel.denoised)
+    names = [name for name in motion_names if name in trial] if channels is None else list(channels)
     if not names:
         raise ValueError(
-            f"Denoising needs one of the channels {', '.join(motion_channels)}, found none; name the channels."
+            f"Denoising needs one of the channels {', '.join(motion_names)}, found none; name the channels."
         )
     check_trial(trial, names)
     return names

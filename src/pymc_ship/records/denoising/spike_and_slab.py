@@ -1,8 +1,7 @@
-"""Compiled kernels of :mod:`pymc_ship.records.denoising.ebayes`: densities, posterior and marginal likelihood.
+"""Compiled kernels of :mod:`pymc_ship.records.denoising.ebayes`; ``a`` is the Laplace scale, nan for quasi-Cauchy.
 
-Arguments are in units of the noise standard deviation; ``a`` is the scale of the Laplace density, nan for the
-quasi-Cauchy. With s = max(x - a, 0)^2/2, R(z) = Phi(z)/phi(z) and M the Mills ratio, exp(-s) R(x - a) and
-exp(-s) M(x + a) are bounded, so that nothing overflows.
+With s = max(x - a, 0)^2/2, R(z) = Phi(z)/phi(z) and M the Mills ratio, exp(-s) R(x - a) and exp(-s) M(x + a) are
+bounded, so that nothing overflows.
 """
 
 from __future__ import annotations
@@ -203,11 +202,7 @@ def _laplace_draw(x: float, a: float, tail: float) -> float:
 
 @_jit
 def _cauchy_draw(x: float, uniform: float, normal: float) -> float:
-    """Draw from the slab's posterior at x, from a uniform and a normal number.
-
-    The quasi-Cauchy density is a mixture of N(0, 1/t - 1) over t; given x, p(t) ~ exp(-t x^2/2) on (0, 1) and the mean
-    is N((1 - t) x, 1 - t).
-    """
+    """Draw from the slab's posterior at x: p(t) ~ exp(-t x^2/2) on (0, 1), the mean given t is N((1 - t) x, 1 - t)."""
     s = 0.5 * x * x
     t = uniform if s < 1e-12 else -math.log1p(uniform * math.expm1(-s)) / s
     return (1.0 - t) * x + math.sqrt(max(1.0 - t, 0.0)) * normal
@@ -263,10 +258,7 @@ def _score(ratio: np.ndarray, w: float) -> tuple[float, float]:
 
 @_jit
 def _best_weight(ratio: np.ndarray, low: float, w: float) -> float:
-    """Weight in [low, 1] of maximum likelihood, by bracketed Newton steps in 1/w from a start w.
-
-    ``ratio`` is the density of each observation under a zero mean over that under the slab.
-    """
+    """Weight in [low, 1] of maximum likelihood by Newton steps in 1/w; ``ratio`` is null over slab density."""
     if _score(ratio, 1.0)[0] >= 0.0:
         return 1.0
     if _score(ratio, low)[0] <= 0.0:

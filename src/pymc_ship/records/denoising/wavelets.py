@@ -57,10 +57,7 @@ def end_trend(signal: np.ndarray) -> np.ndarray:
 
 
 def _end_slope(signal: np.ndarray, sdev: float) -> float:
-    """Slope per sample at the start, by a parabola over the longest run whose cubic coefficient is insignificant.
-
-    Runs double until the cubic exceeds 2.5 standard errors; a slope within 5 standard errors counts as zero.
-    """
+    """Slope per sample at the start, by a parabola over the longest run whose cubic is below 2.5 standard errors."""
     slope, n_run = 0.0, 16
     while 2 * n_run <= signal.size:
         time = (np.arange(n_run) + 0.5) / n_run
