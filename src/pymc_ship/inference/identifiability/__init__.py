@@ -1,1 +1,5 @@
-"""Identifiability: `information` of runs and unidentified directions; Cramer-Rao `bound` of clean trials."""
+"""Identifiability of the coefficients from runs.
+
+- `information`: Fisher information, Cramer-Rao bound and unidentified directions.
+- `bound`: Cramer-Rao bound of clean trials, and the errors of estimates that reach it.
+"""

@@ -1,5 +1,7 @@
 """The rows of a regression: design matrix, response and scaling.
 
-`frames` reads columns of tables and formulas, `data` scales rows, `from_trials` makes them by differences or in the
-`weak_form`, which also gives the start of a trajectory fit.
+- `frames`: columns of tables by name, and formulas.
+- `data`: design matrix and response of one degree of freedom, with scaling and conditioning.
+- `from_trials`: rows from trials, by differences or in the weak form.
+- `weak_form`: the equations of motion integrated against test functions, and the start of a trajectory fit.
 """

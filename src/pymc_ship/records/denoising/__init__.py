@@ -1,5 +1,11 @@
 """Denoising of signals and trials, and derivatives of sampled signals.
 
-`denoise` and `draws` are for signals and trials; `wavelets` transforms, `ebayes` and `spike_and_slab` shrink the
-coefficients, `shrinkage` has their posterior, `smoothers` are the linear methods, `derivative` differentiates.
+- `denoise`: denoises a signal or a trial.
+- `draws`: posterior draws of a denoised signal or trial.
+- `shrinkage`: wavelet coefficients of a signal with their posterior.
+- `smoothers`: Savitzky-Golay, low-pass and Rauch-Tung-Striebel smoothers with automatic choice of the parameter.
+- `wavelets`: transforms of a finite signal, and its extension past its ends.
+- `derivative`: differences and Savitzky-Golay derivatives.
+- `ebayes`: empirical-Bayes thresholding of a sequence.
+- `spike_and_slab`: compiled kernels of the spike-and-slab priors.
 """
