@@ -85,15 +85,12 @@ class ManoeuvreKind:
 
     Attributes
     ----------
-    name : str
-        As in ``attrs["manoeuvre"]`` of a record: ``turning_circle``.
+    name, example : str
+        As in ``attrs["manoeuvre"]`` of a record, ``turning_circle``; its angles as they are written, ``20/20``.
     angles : tuple of str
         Angles of a :class:`pymc_ship.Manoeuvre` that are written with it: ``rudder_deg``, ``heading_deg`` or both.
-    example : str
-        Angles as they are written, ``20/20``, for help and errors.
     option, title : str
-        Option of the command line, ``turn`` for ``--turn``, empty for none; title in the help of ``pymc-ship
-        simulate``.
+        Option of the command line, ``turn`` for ``--turn``, empty for none; title in its help.
     second_execute_factor : float or None
         Factor on the rudder angle when the heading has changed by ``heading_deg``: -1 reverses the rudder, 0 puts it
         amidships. None: no second execute.
@@ -107,10 +104,8 @@ class ManoeuvreKind:
         manoeuvre. A kind without this function is not recognised in records.
     reach : float
         How long a forecast simulates the manoeuvre by default [L/U].
-    swings : bool
-        Whether figures show heading and rudder on one axis with switching headings and :data:`OVERSHOOTS`.
-    circles : bool
-        Whether figures show the first round of the track with :data:`DIMENSIONS`, on axes of equal scale.
+    swings, circles : bool
+        Whether figures show :data:`OVERSHOOTS` on one axis of heading and rudder, or :data:`DIMENSIONS` on the track.
     """
 
     name: str

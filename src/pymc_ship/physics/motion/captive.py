@@ -27,14 +27,9 @@ class _Evaluation(NamedTuple):
 def captive_test_forces(vessel: Vessel, motion: Mapping[str, np.ndarray], draws: np.ndarray) -> np.ndarray:
     """Captive forces X, Y, N, K of each draw, shape (n_draws, 4, n_points), without wind.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    motion : mapping of str to ndarray, shape (n_points,)
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] for a vessel with roll; ``n`` over the nominal
-        revolutions, 1 by default; polynomial terms ignore it.
-    draws : ndarray, shape (n_draws, n_coefficients)
-        In the vessel's order.
+    ``motion`` has u, v [m/s], r [rad/s], delta [rad], p [rad/s] and phi [rad] with roll, each (n_points,); ``n`` over
+    the nominal revolutions, 1 by default, for parts only; ``draws`` (n_draws, n_coefficients) are in the vessel's
+    order.
     """
     evaluation = _evaluation(vessel, motion)
     forces = np.zeros((len(draws), 4, motion["u"].size))

@@ -98,21 +98,9 @@ def steady_inputs(
 ) -> np.ndarray:
     """Constant inputs without the rudder, (3,): revolutions over the nominal ones, velocity of the air over U_nom.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    approach_speed : float
-        Speed [m/s] that gives the revolutions if ``n`` is not given.
-    n : float, optional
-        Revolutions [1/s].
-    wind, current : (float, float), optional
-        Speed [m/s] and direction [deg]: from which the wind blows, to which the current sets.
-
-    Raises
-    ------
-    SimulationError
-        For revolutions without a stated propeller or above 5 times the nominal ones, wind without the part "wind", or a
-        current above the nominal speed.
+    ``n`` [1/s] is by default that of the approach speed [m/s]; ``wind`` and ``current`` are speed [m/s] and direction
+    [deg], from which the wind blows, to which the current sets. SimulationError for revolutions without a stated
+    propeller or above 5 times the nominal ones, wind without the part "wind", a current above the nominal speed.
     """
     U = vessel.particulars.nominal_speed
     revolutions = approach_speed / U if n is None else _relative_revolutions(vessel, n)

@@ -14,22 +14,11 @@ from pymc_ship.trial.record import check_trial
 
 
 def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
-    """Prime motion, speed and known forces at every instant of a record.
+    """Prime motion, speed U [m/s] and known forces at every instant of a record.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    record : dict of str to ndarray, shape (n_time,)
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls.
-
-    Returns
-    -------
-    motion : dict of str to ndarray, shape (n_time,)
-        Prime values of the symbols of the terms; ``g`` and ``T`` where the vessel states its propeller.
-    speed : ndarray, shape (n_time,)
-        U [m/s].
-    known : ndarray, shape (4, n_time)
-        F1, F2, M1, M2 without their hydrodynamic part.
+    The record has u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls. The motion has
+    the prime symbols of the terms, ``g`` and ``T`` where the vessel states its propeller; the known forces (4, n_time)
+    are F1, F2, M1, M2 without their hydrodynamic part.
     """
     n_time = record["u"].size
     state = np.zeros((len(STATE), n_time))

@@ -81,10 +81,8 @@ def replay(
     interval : float
         Sampling interval of the inputs [s].
     method : {"euler", "rk4"}, optional
-    substeps : int, optional
-        Integration steps for each interval.
-    block : int, optional
-        Samples averaged into one; samples after the last full block are dropped.
+    substeps, block : int, optional
+        Integration steps for each interval; samples averaged into one (those after the last full block are dropped).
 
     Returns
     -------

@@ -118,11 +118,11 @@ def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = N
     arm_misfit = float(np.sqrt(np.mean(arm**2)))
     numbers = tuple(
         number
-        for kind, found in readings.items()
+        for kind, reading in readings.items()
         for number in (
-            (f"lag, {kind}", found.seconds, "s"),
-            (f"standard error, {kind}", found.error, "s"),
-            (f"misfit, {kind}", found.misfit, "m"),
+            (f"lag, {kind}", reading.seconds, "s"),
+            (f"standard error, {kind}", reading.error, "s"),
+            (f"misfit, {kind}", reading.misfit, "m"),
         )
     )
     numbers += (("misfit, lever arm", arm_misfit, "m"), ("interval", sampling_interval(trial), "s"))

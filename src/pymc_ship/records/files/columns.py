@@ -73,21 +73,9 @@ def matched_columns(
 ) -> tuple[dict[str, Column], list[str]]:
     """Columns of a file by channel, time first, and sentences on interpreted and unused headings.
 
-    Parameters
-    ----------
-    headings, units : sequence of str
-        Header of the file, and the row of units below it; empty texts without one.
-    chosen : mapping
-        Channel -> ``{"column", "unit", "sign", "offset"}``, with priority over the headings.
-    where : str
-        Name of the file, for errors.
-    unstated : mapping of str, optional
-        Unit of a channel without a stated unit, if not the SI unit.
-
-    Raises
-    ------
-    TrialError
-        For a column that is missing, ambiguous or without a readable unit.
+    ``units`` is the row below the headings; ``chosen`` (channel -> ``{"column", "unit", "sign", "offset"}``) has
+    priority over the headings; ``unstated`` are units of channels without one, if not SI; ``where`` names the file in
+    errors. TrialError for a column that is missing, ambiguous or without a readable unit.
     """
     matched = {}
     for channel, choice in chosen.items():

@@ -48,19 +48,8 @@ def regular(
 ) -> tuple[np.ndarray, Channels, list[str]]:
     """Uniform time, finite channels, and a sentence on each change.
 
-    Parameters
-    ----------
-    time, quantum : ndarray, shape (n_time,)
-        Stamps [s], NaN for a missing one, and their resolution [s].
-    channels : dict of str to ndarray, shape (n_time,)
-        NaN where a cell is missing.
-    where : str
-        Name of the file, for errors.
-
-    Raises
-    ------
-    TrialError
-        For fewer than two complete samples, or very uneven sampling.
+    ``time`` are the stamps [s] and ``quantum`` their resolution [s]; NaN marks missing stamps and cells; ``where``
+    names the file in errors. TrialError for fewer than two complete samples, or very uneven sampling.
     """
     notes: list[str] = []
     keep = np.isfinite(time)

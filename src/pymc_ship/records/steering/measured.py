@@ -53,23 +53,12 @@ def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
 
 
 def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
-    """Indices of a measured trial of the manoeuvre in ``attrs``, as far as its channels allow.
+    """Indices of a measured trial of the manoeuvre in ``attrs``, as far as its channels allow; else NaN.
 
     The motion is denoised first, as peaks of noisy values are too large. A missing yaw rate is the slope of the
     heading, missing velocities are those of the track. Overshoots of a zigzag steered by hand count from its own rudder
-    reversals; a turning circle ends with the fixed rudder.
-
-    Parameters
-    ----------
-    measured : Dataset, dims (time,)
-        Any channels of a trial, from any time, course and position.
-    attrs : mapping
-        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``side``; ``rudder_delay`` [s] of the gear, 0 by default.
-
-    Returns
-    -------
-    dict of str to float
-        As of :func:`pymc_ship.indices`; NaN where the record does not reach the event or lacks a channel.
+    reversals; a turning circle ends with the fixed rudder. ``attrs`` are those of :func:`pymc_ship.indices`, with
+    ``rudder_delay`` [s].
     """
     return indices_of_denoised(denoise_motion(measured), attrs)
 
