@@ -49,9 +49,10 @@ Limit = tuple[str, float, str]
 
 @dataclass(frozen=True)
 class Index:
-    """One index of a kind of manoeuvre: its ``quantity`` (key of :data:`UNITS`), and the channels it ``needs``.
+    """One index of a kind of manoeuvre.
 
-    ``scored``: compared on held-out runs, for one of :data:`SCORED_QUANTITIES`. ``signed``: the index can be negative.
+    ``quantity`` is a key of :data:`UNITS`, ``needs`` are the channels; a ``scored`` index (one of
+    :data:`SCORED_QUANTITIES`) is compared on held-out runs; a ``signed`` one can be negative.
     """
 
     quantity: str

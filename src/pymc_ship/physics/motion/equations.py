@@ -1,7 +1,7 @@
 """Equations of motion in four degrees of freedom, prime: J nu_dot' = hydrodynamic + known forces.
 
-Xue et al. (2020), Eq. 1 to 5 and 9 (doi:10.1016/j.oceaneng.2019.106612); axes forward, starboard, down. Arrays of the
-kernels have shape (rows, n_lanes): one lane is one instant of one ship, in the simulator and in the regression.
+Xue et al. (2020), Eq. 1 to 5 and 9 (doi:10.1016/j.oceaneng.2019.106612); axes forward, starboard, down. Equation
+numbers below are those of docs/reference/equations.md. A lane of the arrays is one instant of one ship.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Work(NamedTuple):
 
 @njit(**INLINED)
 def prime_motion(state: np.ndarray, delta: np.ndarray, scheme: Scheme, work: Work) -> None:
-    """Fill the speed and the symbol and loading rows of the terms."""
+    """Fill the speed and the symbol and loading rows of the terms, Eq. 3 and 14."""
     hull, terms, speed = scheme.hull, work.terms, work.speed
     L, nominal_speed, propeller = hull.L, hull.nominal_speed, propeller_constants(hull)
     for lane in range(state.shape[1]):
@@ -132,7 +132,7 @@ def propeller_constants(hull: np.record) -> PropellerConstants:
 
 @njit(**INLINED)
 def known_forces(state: np.ndarray, scheme: Scheme, work: Work) -> None:
-    """Write the prime forces that hold no hydrodynamic coefficient, F1, F2, M1, M2, to the force."""
+    """Write the prime forces of the rigid body and of its weight, F1, F2, M1, M2, Eq. 5, 7 and 8."""
     hull, terms, speed, force = scheme.hull, work.terms, work.speed, work.force
     m, x_G, z_G = hull.m, hull.x_G, hull.z_G
     L, volume, GM, BM = hull.L, hull.volume, hull.GM, hull.BM
@@ -152,7 +152,7 @@ def known_forces(state: np.ndarray, scheme: Scheme, work: Work) -> None:
 
 @njit(**INLINED)
 def add_hydrodynamic_forces(coefficients: np.ndarray, scheme: Scheme, work: Work) -> None:
-    """Add coefficient times term to the force, four terms of one DOF at a time where there are four."""
+    """Add coefficient times term to the force, Eq. 10, four terms of one DOF at a time where there are four."""
     rows, dof, terms, force = scheme.rows, scheme.dof, work.terms, work.force
     n_lanes = force.shape[1]
     k = 0
@@ -179,7 +179,7 @@ def add_hydrodynamic_forces(coefficients: np.ndarray, scheme: Scheme, work: Work
 def _rates_of_terms(
     state: np.ndarray, inputs: np.ndarray, coefficients: np.ndarray, scheme: Scheme, work: Work, rate: np.ndarray
 ) -> None:
-    """Write the accelerations by terms and by the known forces."""
+    """Write the accelerations by terms and by the known forces, Eq. 4."""
     hull, J_inverse, speed, force = scheme.hull, scheme.J_inverse, work.speed, work.force
     prime_motion(state, inputs[0], scheme, work)
     known_forces(state, scheme, work)

@@ -254,7 +254,7 @@ def validated_trial(
     Traceback (most recent call last):
         ...
     pymc_ship.machine.errors.TrialError: The trial cannot be fitted: rudder sign: A positive delta turns \
-    the ship to starboard, it should turn the ship to port; flip the sign of delta.
+the ship to starboard, it should turn the ship to port; flip the sign of delta.
     """
     vessel = as_vessel(vessel)
     return corrected_trial(trial, trial_checks(trial, vessel, lag=lag, any_speed=any_speed), overrule)
