@@ -329,11 +329,11 @@ def test_the_pages_link_to_each_other(page, diagnosed, folder):
 
 def test_the_diagnostics_have_a_section_for_each_dof_and_family(diagnosed):
     names = [f"{dof}, {family}" for dof in DOFS for family in FAMILIES]
-    heads = re.findall(r"\d (\w+, \w+conjugate|\w+, conjugate) All convergence gates hold\.", diagnosed.text)
+    heads = re.findall(r"\d (\w+, \w+conjugate|\w+, conjugate) All convergence diagnostics pass\.", diagnosed.text)
     assert heads == names
     assert diagnosed.text.count("Against the exact posterior: gibbs agrees (largest |z|") == len(names)
     assert "exact, 4 chains of 1000 draws; gibbs, 4 chains of 2000 draws; nuts, 4 chains of 2000" in diagnosed.text
-    assert "gate fails" not in diagnosed.text
+    assert "diagnostic fails" not in diagnosed.text
 
 
 def test_a_section_draws_the_exact_posterior_and_the_chains_of_nuts(diagnosed, result):

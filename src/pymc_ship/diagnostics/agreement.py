@@ -164,15 +164,9 @@ def _verdict_text(one: xr.Dataset) -> str:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One posterior by one method or several.
+    """Posterior by one method or several (``trees`` by method): the first is reported, the exact one where given.
 
-    Attributes
-    ----------
-    name : str
-    trees : mapping of str to DataTree
-        Draws by method; the posterior of the first is reported, the exact one where given.
-    agreement : Dataset or None
-        Of the other methods with the exact posterior, from :func:`agreement`.
+    ``agreement`` of the other methods with it is from :func:`agreement`.
     """
 
     name: str

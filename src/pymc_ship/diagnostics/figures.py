@@ -32,7 +32,7 @@ _FOREST_TICKS = np.concatenate([[0.0], *np.outer((-1, 1), (1, 2, 3, 10, 100, 100
 
 
 def chosen_draws(tree: xr.DataTree, names: Sequence[str]) -> xr.DataTree:
-    """Draws of a few quantities as variables of their own: coefficients times 1e5, the noise variance as log10."""
+    """Draws of a few quantities as variables: coefficients times 1e5, the noise variance as log10."""
     posterior = tree["posterior"].dataset
     drawn = {}
     for name in names:

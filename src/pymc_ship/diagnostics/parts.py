@@ -59,14 +59,10 @@ class PosteriorKind:
     ----------
     check : callable
         (tree, name): raises a ValueError for a tree of another kind.
-    coefficient_names : callable
-        (vessel, tree): names of its coefficients, in order.
-    verdict, origin : callable
-        (comparison): sentences at the head of a section; sentence on the origin of the draws.
-    parts : callable
-        (comparison, vessel or None, generator): every part of a section, in order.
-    contraction : callable
-        (tree): contraction of the coefficients, or None where the tree lacks its prior or data.
+    coefficient_names, contraction : callable
+        (vessel, tree): coefficients in order; (tree): their contraction, or None where prior or data are missing.
+    verdict, origin, parts : callable
+        Of a comparison: sentences at the head, sentence on the origin of the draws, every part in order.
     defaults, sources
         Limits and literature of such a section, beyond those of all sections.
     """

@@ -51,23 +51,16 @@ class Grid:
 
     Attributes
     ----------
-    title : str
-    ships : dict of str to Vessel
-        By name.
-    manoeuvres : dict of str to Manoeuvre
-        By label; each makes a record.
+    ships, manoeuvres : dict
+        Vessels by name, and manoeuvres by label.
     noise : dict of str to tuple of float
         Levels of each kind of :data:`pymc_ship.records.files.noise.NOISES`.
     methods : tuple of str
-        Keys of :data:`pymc_ship.experiments.task.METHODS` or of ``own``.
-    seeds : int
-        Data sets of each cell.
-    root_seed : int
-        Root of every random number.
+        Keys of :data:`pymc_ship.experiments.task.METHODS` or of ``own``, the user-defined methods.
+    seeds, root_seed : int
+        Data sets of each cell, and root of every random number.
     duration : float
         Of each record [s].
-    own : dict of str to callable
-        User-defined methods by name.
     """
 
     title: str
@@ -194,9 +187,7 @@ def _in_full(value: Vessel | Manoeuvre) -> str:
 
 
 def grid_of(file: Entry, folder: Path, own: Mapping[str, Method]) -> Grid:
-    """Grid of the table of a study.
-
-    Paths of ships are relative to ``folder``; ``own`` are user-defined methods by name, added to those of the study.
+    """Grid of the table of a study; paths of ships are relative to ``folder``, ``own`` are user-defined methods.
 
     Raises
     ------

@@ -34,16 +34,9 @@ _ROWS, _SUM = 5_000, b"sha256"
 class Store:
     """Results of a study in a folder.
 
-    Attributes
-    ----------
-    out : Path
-    study : Study
-    results : tuple of str
-        Columns of a result, which do not depend on the machine.
-    timings : tuple of str
-        Columns of its timing: seconds of the parts and of processor time; the session (its start [ns since 1970]) with
-        its executor and workers; seconds from the session's start to the saved result (``wall``), and of the parent's
-        handling of a task (``parent``).
+    ``results`` are the columns of a result, which do not depend on the machine. ``timings``: seconds of the parts
+    and of processor time; the session (its start [ns since 1970]), executor and workers; seconds to the saved
+    result (``wall``) and of the parent's handling of a task (``parent``).
     """
 
     def __init__(self, out: Path, study: Study):
@@ -90,10 +83,7 @@ class Store:
             yield cell, self._read(part)
 
     def written(self, folder: Path) -> Iterator[tuple[Any, pa.Table]]:
-        """Rows of every part, while ``timings.parquet`` and ``results.parquet`` of a folder are written.
-
-        The two files appear after the last part.
-        """
+        """Rows of every part; the two Parquet files of a folder appear after the last part."""
         with (
             self._writer(folder / "timings.parquet", self.timings) as add_timings,
             self._writer(folder / "results.parquet", self.results) as add_results,

@@ -45,20 +45,9 @@ def _with_error(values: np.ndarray, statistic: str) -> tuple[float, float]:
 
 @dataclass
 class Session:
-    """Costs of the tasks of one call of the program.
+    """Costs of the tasks of one call of the program; seconds are sums over the tasks of the parts.
 
-    Attributes
-    ----------
-    executor : str
-    workers : int
-        At most.
-    tasks : int
-    seconds, cpu : float
-        Sums over the tasks of the parts and of processor time [s].
-    wall : float
-        From the start to the last result [s].
-    parent : float
-        Time in which the parent sends a task and saves its result [s].
+    ``wall`` [s] is from the start to the last result, ``parent`` [s] the time to send a task and save its result.
     """
 
     executor: str
@@ -86,14 +75,8 @@ class Session:
 class Costs:
     """Costs of the tasks of a study, added part by part.
 
-    Attributes
-    ----------
-    timed : tuple of str
-        Parts of a task.
-    sessions : dict of int to Session
-        By their start [ns since 1970].
-    groups : dict of str to dict
-        Sums over the tasks of a group of cells, such as a method: ``tasks``, seconds of each part and ``cpu``.
+    ``sessions`` by their start [ns since 1970]; ``groups`` of cells, such as a method: ``tasks``, seconds of each
+    part of a task (``timed``) and ``cpu``.
     """
 
     timed: tuple[str, ...]

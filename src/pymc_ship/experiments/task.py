@@ -87,23 +87,16 @@ class Task:
 
     Attributes
     ----------
-    vessel : Vessel
-    manoeuvre : Manoeuvre
-        Of the record, simulated in Euler steps of 0.02 s.
-    noise : str
-        Key of :data:`pymc_ship.records.files.noise.NOISES`.
-    level : float
-        Noise level, as in :func:`pymc_ship.pollute`.
+    vessel, manoeuvre
+        Of the record, simulated in Euler steps of 0.02 s for ``duration`` [s].
+    noise, level
+        Key of :data:`pymc_ship.records.files.noise.NOISES`, and level as in :func:`pymc_ship.pollute`.
     method : str
-        Key of :data:`METHODS`, or the name of ``own``.
+        Key of :data:`METHODS`, or the name of ``own``, a user-defined method.
     seed, root : int
         Number of the data set, and root of every random number.
-    duration : float
-        Of the record [s].
     block : str
         Part of the result in the store.
-    own : callable or None
-        User-defined method; None for one of :data:`METHODS`.
     """
 
     vessel: Vessel

@@ -166,23 +166,10 @@ def method_rows(
 ) -> list[dict]:
     """Error summary over all DOFs of every method on one noisy trial, after that of the Cramer-Rao bound.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    bound : ndarray, shape (n_coefficients,)
-        Cramer-Rao bound at the noise of the trial.
-    noisy, smooth : Dataset, dims (time,)
-        The trial in Euler steps of its sampling interval, measured and denoised.
-    identification : Identification
-        By the paper's pipeline.
-    modes : mapping of str to TrajectoryMode or None
-        Trajectory fit by prior; None where it failed.
-
-    Returns
-    -------
-    list of dict
-        ``method``, the error summary (of the bound: expected of unbiased estimates on it), ``coverage`` [%] of the
-        intervals of 90 % and ``detail``. The differencing method is the one with the smallest median error.
+    ``bound``, shape (n_coefficients,), is at the noise of the trial; ``noisy`` and ``smooth``, dims (time,), are
+    the trial in Euler steps, measured and denoised; ``modes`` is the trajectory fit by prior, None where it failed.
+    Keys: ``method``, the error summary (of the bound: expected of unbiased estimates), ``coverage`` [%] of the
+    intervals of 90 % and ``detail``. The differencing method is the one with the smallest median error.
     """
     failed = np.full(bound.size, np.nan)
     fits = {
