@@ -1,7 +1,4 @@
-"""Simulation-based calibration and coverage of posteriors, on data simulated from the prior.
-
-Every comparison is a z-score. Under a correct sampler the probability that any of a table exceeds its limit is LEVEL.
-"""
+"""Simulation-based calibration and coverage of posteriors, on data simulated from the prior."""
 
 from __future__ import annotations
 
@@ -41,10 +38,9 @@ def simulation_based_calibration(
     draws: int = 99,
     rng: Seed,
 ) -> xr.Dataset:
-    """Ranks of the true parameters among posterior draws, with tests of uniformity.
+    """Ranks of the true parameters among posterior draws, with tests of uniformity by :func:`rank_p_value`.
 
-    The rank of the joint log likelihood detects posteriors that ignore part of the data. The p-values are those of a
-    simultaneous band for the distribution of the ranks.
+    The rank of the joint log likelihood detects posteriors that ignore part of the data.
 
     Parameters
     ----------
@@ -52,8 +48,7 @@ def simulation_based_calibration(
         Design and scaling; the response is simulated.
     prior : Prior
     sample : callable, optional
-        ``sample(data, prior, draws, rng)`` returns independent draws: coefficients, shape (draws, n_terms), and noise
-        variance, shape (draws,). :func:`exact_draws` by default.
+        ``sample(data, prior, draws, rng)`` returns independent :data:`Draws`; :func:`exact_draws` by default.
     simulations, draws, rng
         Number of simulated data sets, of posterior draws for each, and generator.
 
@@ -65,7 +60,7 @@ def simulation_based_calibration(
 
     References
     ----------
-    Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), doi:10.1214/23-BA1404; :func:`rank_p_value`.
+    Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), doi:10.1214/23-BA1404.
     """
     rng = random_generator(rng)
     check_prior(prior)
@@ -93,19 +88,18 @@ def coverage(
 
     Parameters
     ----------
-    data, prior
-        As in the calibration by ranks.
+    data, prior, simulations, rng
+        As for :func:`simulation_based_calibration`.
     quantiles : callable, optional
         ``quantiles(data, prior, probabilities)`` returns the posterior quantiles, shape (n, n_terms + 1), the noise
         variance last; those of the exact posterior by default.
     probabilities : sequence of float, optional
         Of the central intervals.
-    simulations, rng
 
     Returns
     -------
     Dataset
-        Dims interval, quantity: ``share``, and ``z`` from the binomial test; attrs as in the calibration by ranks.
+        Dims interval, quantity: ``share``, and ``z`` from the binomial test; attrs as the calibration by ranks.
     """
     rng = random_generator(rng)
     check_prior(prior)
@@ -123,10 +117,7 @@ def coverage(
 
 
 def rank_p_value(ranks: np.ndarray, draws: int) -> float:
-    """Simultaneous p-value of the uniformity of ranks, shape (n,), among 0..draws.
-
-    By the recursion over counts of Saeilynoja, Buerkner & Vehtari (2022), doi:10.1007/s11222-022-10090-6.
-    """
+    """Simultaneous p-value of the uniformity of ranks, shape (n,), among 0..draws, doi:10.1007/s11222-022-10090-6."""
     n = len(ranks)
     cuts = np.unique(np.arange(1, _CUTS) * (draws + 1) // _CUTS)
     cuts = cuts[cuts > 0]
@@ -166,9 +157,9 @@ def with_response(
     return replace(data, response=rng.normal(data.design_matrix @ coefficients, math.sqrt(noise_variance)))
 
 
-def quantities(data: RegressionData, drawn: Draws) -> np.ndarray:
+def quantities(data: RegressionData, draws: Draws) -> np.ndarray:
     """Coefficients, noise variance and joint log likelihood of draws, shape (draws, n_terms + 2)."""
-    coefficients, variance = drawn
+    coefficients, variance = draws
     square = np.sum((data.response - coefficients @ data.design_matrix.T) ** 2, axis=1)
     log_likelihood = -0.5 * (data.n_rows * np.log(2.0 * math.pi * variance) + square / variance)
     return np.column_stack([coefficients, variance, log_likelihood])

@@ -56,11 +56,7 @@ class ConjugatePrior(Prior):
     """Normal inverse gamma prior: beta | sigma2 ~ N(mean, sigma2 V), sigma2 ~ IG(shape, scale).
 
     Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`. The prior of the noise variance
-    weighs as much as 2 shape rows; kappa is in units of the noise variance.
-
-    References
-    ----------
-    Xue et al. (2020), Eq. 12; doi:10.1016/j.oceaneng.2019.106612.
+    weighs as much as 2 shape rows; kappa is in units of the noise variance. Xue et al. (2020), Eq. 12.
 
     Examples
     --------
@@ -123,21 +119,10 @@ class ConjugatePrior(Prior):
 
 @dataclass(frozen=True, repr=False)
 class NormalInverseGamma(RotatedPosterior):
-    """Exact posterior under a conjugate prior, on the original scale.
+    """Exact posterior under a conjugate prior: coefficients = center + g basis on the original scale.
 
-    coefficients = center + g basis with g | sigma2 ~ N(location, sigma2 diag(spread)) and sigma2 ~ IG(shape, scale).
-
-    Attributes
-    ----------
-    location, spread : ndarray, shape (n_terms,)
-        Mean of g, and its variance in units of the noise variance.
-    shape, scale : float
-        Inverse gamma of the noise variance, a posteriori.
-
-    References
-    ----------
-    Xue et al. (2020), Eq. 12-17, doi:10.1016/j.oceaneng.2019.106612 (its Eq. 15 is the full conditional of sigma2, not
-    the marginal used here); Gelman et al. (2013), Bayesian Data Analysis, 3rd ed., ch. 14, doi:10.1201/b16018.
+    g | sigma2 ~ N(location, sigma2 diag(spread)), sigma2 ~ IG(shape, scale): Xue et al. (2020), Eq. 12-17; its Eq. 15
+    is the full conditional of sigma2, not the marginal used here. See :attr:`ConjugatePrior.citation`.
     """
 
     coefficients: tuple[str, ...]

@@ -16,14 +16,7 @@ from pymc_ship.machine.errors import InferenceError
 class Score:
     """Elpd of held-out rows, per row, on the scale of the original response.
 
-    Attributes
-    ----------
-    mean : float
-        Mean over the folds.
-    se : float
-        Standard error of that mean, from the spread of the folds.
-    folds : ndarray, shape (n_folds,)
-        Mean over the rows of each fold.
+    ``mean`` over the folds, its standard error ``se`` from their spread, and the mean of each of the ``folds``.
     """
 
     mean: float
@@ -33,13 +26,7 @@ class Score:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Rows split into folds, with one decomposition for each.
-
-    Attributes
-    ----------
-    training, held_out : tuple of RegressionData
-        Rows to fit and rows to predict, by fold, under the scaling of the whole data.
-    """
+    """Rows to fit and rows to predict, by fold, under the scaling of the whole data, decomposed once."""
 
     training: tuple[RegressionData, ...]
     held_out: tuple[RegressionData, ...]
@@ -47,17 +34,6 @@ class CrossValidation:
     def score(self, prior: Prior) -> Score:
         """Elpd of a prior: mean of log p(y_i | training rows) over the held-out rows, each by itself as in ArviZ.
 
-        Parameters
-        ----------
-        prior : Prior
-
-        Returns
-        -------
-        Score
-            From the exact posterior of each fold.
-
-        References
-        ----------
         Vehtari, Gelman & Gabry (2017), Statistics and Computing 27:1413, doi:10.1007/s11222-016-9696-4.
         """
         densities = [
@@ -71,22 +47,16 @@ class CrossValidation:
 def fold_rows(
     n_rows: int, folds: int = 5, *, split: str = "blocks", rng: np.random.Generator | None = None
 ) -> list[np.ndarray]:
-    """Row numbers of each fold.
+    """Sorted row numbers of each fold, whose sizes differ by one row at most.
 
     Parameters
     ----------
     n_rows : int
     folds : int, optional
-        Number of folds; their sizes differ by one row at most.
     split : {"blocks", "random"}, optional
         Contiguous blocks (neighbouring rows of a trial are correlated), or rows at random.
     rng : numpy.random.Generator, optional
         Needed by ``"random"`` only.
-
-    Returns
-    -------
-    list of ndarray
-        Sorted row numbers; every row is in exactly one fold.
 
     Raises
     ------
@@ -106,24 +76,7 @@ def fold_rows(
 def cross_validation(
     data: RegressionData, folds: int = 5, *, split: str = "blocks", rng: np.random.Generator | None = None
 ) -> CrossValidation:
-    """Split the rows into folds and decompose the training rows of each.
-
-    Parameters
-    ----------
-    data : RegressionData
-    folds, split, rng
-        As :func:`fold_rows`.
-
-    Returns
-    -------
-    CrossValidation
-        Scores any number of priors.
-
-    Raises
-    ------
-    InferenceError
-        As :func:`fold_rows`.
-    """
+    """Split the rows into folds as :func:`fold_rows`, and decompose the training rows of each, to score any priors."""
     held_out = fold_rows(data.n_rows, folds, split=split, rng=rng)
     training = tuple(data.rows(np.setdiff1d(np.arange(data.n_rows), rows)) for rows in held_out)
     for rows in training:

@@ -15,24 +15,14 @@ FAMILIES: dict[str, type[Prior]] = {prior.family: prior for prior in (ConjugateP
 
 
 def register_family(prior_class: type[Prior]) -> type[Prior]:
-    """Register a prior family under its name in this process; a decorator of its class.
+    """Register a prior family under its name in this process; a decorator of its class, which it returns.
 
     Functions that take the name of a family then take this one, and its posteriors can be diagnosed from files.
 
     Parameters
     ----------
     prior_class : subclass of Prior
-        With a name of its own, ``noise_power``, ``box`` and ``exact``.
-
-    Returns
-    -------
-    type
-        The class.
-
-    Raises
-    ------
-    InferenceError
-        For a class that lacks one of these, or a name that is taken.
+        With a name of its own, ``noise_power``, ``box`` and ``exact``; else InferenceError.
     """
     lacking = [name for name in ("noise_power", "box") if not hasattr(prior_class, name)]
     lacking += ["exact"] if isabstract(prior_class) else []

@@ -28,10 +28,7 @@ CI_PROB = 0.9
 
 @dataclass(frozen=True, repr=False)
 class Identification:
-    """Regression data by DOF; prior, tuning and exact posterior by family and DOF.
-
-    ``tuned`` is empty for priors of maximum evidence.
-    """
+    """Regression data by DOF; prior, tuning (empty for maximum evidence) and exact posterior by family and DOF."""
 
     data: dict[str, RegressionData]
     priors: dict[str, dict[str, Prior]]
@@ -97,10 +94,6 @@ def identify(
     progress : callable, optional
         Called with a short text before each step.
 
-    Returns
-    -------
-    Identification
-
     Raises
     ------
     TrialError, InferenceError
@@ -151,24 +144,14 @@ def identify(
 def regression_draws(
     drawn: xr.Dataset, vessel: VesselLike, dof: str, *, interval: float | None = None, derivative: str = "euler"
 ) -> list[RegressionData]:
-    """Regression data of one degree of freedom for each draw of a denoised trial.
+    """Regression data of one degree of freedom for each draw of a denoised trial, each with its own scaling.
 
     Parameters
     ----------
     drawn : Dataset, dims (draw, time)
-        From :func:`pymc_ship.denoise_draws`.
+        From :func:`pymc_ship.denoise_draws`; InferenceError without draws.
     vessel, dof, interval, derivative
         As for :func:`pymc_ship.regression_data`.
-
-    Returns
-    -------
-    list of RegressionData
-        One for each draw, each with its own scaling.
-
-    Raises
-    ------
-    InferenceError
-        For a trial without draws, and as :func:`pymc_ship.regression_data`.
     """
     vessel = as_vessel(vessel)
     if "draw" not in drawn.dims:

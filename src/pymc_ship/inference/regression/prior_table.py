@@ -38,11 +38,6 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
     table : mapping of str to (float, float)
         Mean and standard deviation by name of coefficient.
 
-    Returns
-    -------
-    Prior
-        Of the family given, with vectors of mean and kappa for these data.
-
     Raises
     ------
     InferenceError
@@ -199,6 +194,8 @@ def restore_fixed(
 def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0.3) -> Prior:
     """Prior whose scale falls with the order of the term: kappa_j = kappa damping^(2 (order_j - 1)).
 
+    Apply it before :func:`informed_prior`.
+
     Parameters
     ----------
     data : RegressionData
@@ -207,11 +204,6 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
         Its kappa is that of the terms of order 0 and 1.
     damping : float, optional
         Factor of the prior sd (on the scaled columns) for each order; in (0, 1].
-
-    Returns
-    -------
-    Prior
-        Of the same family, with a vector kappa; apply it before :func:`informed_prior`.
 
     Raises
     ------

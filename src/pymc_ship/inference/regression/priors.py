@@ -1,8 +1,7 @@
 """Base classes of priors and exact posteriors, and the coordinates in which a posterior is diagonal.
 
-Priors are of the scaled columns of :class:`~pymc_ship.inference.rows.data.RegressionData`. The inverse gamma density is
-proportional to x^(-shape-1) exp(-scale/x); the B of Xue et al. (2020) is 1 / scale. With X diag(kappa)^(1/2) = U S R',
-g = R' diag(kappa)^(-1/2) (b - mean) enters the likelihood through z - s g alone, where z = U' (y - X mean).
+Inverse gamma densities are ~ x^(-shape-1) exp(-scale/x); the B of Xue et al. (2020) is 1 / scale. With X diag(kappa)^
+(1/2) = U S R', g = R' diag(kappa)^(-1/2) (b - mean) enters the likelihood by z - s g, z = U' (y - X mean).
 """
 
 from __future__ import annotations
@@ -39,30 +38,21 @@ class Prior(ABC):
 
     Parameters
     ----------
-    mean : float or array_like, shape (n_terms,)
-        Prior mean of the scaled coefficients.
-    kappa : float or array_like, shape (n_terms,)
-        Prior variance factor of each scaled coefficient (V = kappa I or diag(kappa)).
+    mean, kappa : float or array_like, shape (n_terms,)
+        Prior mean and variance factor (V = kappa I or diag(kappa)) of each scaled coefficient.
     shape, scale : float
-        sigma2 ~ InverseGamma(shape, scale).
+        sigma2 ~ InverseGamma(shape, scale). InferenceError unless finite and, but for the mean, positive.
 
     Attributes
     ----------
-    family : str
-        Name of the family in arguments, in files and on pages.
+    family, colour : str
+        Name of the family in arguments, in files and on pages, and its hex colour in figures.
     noise_power : float
         1 if the prior variance of the coefficients is proportional to the noise variance, 0 if independent of it.
     box : mapping of str to (float, float)
         Bounds of the hyperparameters in a search, by argument of :meth:`from_box`, for z-scored data.
-    colour : str
-        Hex colour of the family in figures.
     citation : str
         Source of the exact posterior beside Xue et al. (2020), if any.
-
-    Raises
-    ------
-    InferenceError
-        When a value is no finite number, or kappa, shape or scale is not positive.
     """
 
     mean: float | np.ndarray = 0.0
@@ -108,10 +98,7 @@ class Prior(ABC):
         """Exact posterior of regression data under this prior."""
 
     def log_hyperprior(self) -> float:
-        """Log density of the hyperparameters, up to a constant: ``shape`` ~ Exponential(1).
-
-        A record has one noise variance, so without a hyperprior its evidence increases with the shape without bound.
-        """
+        """Log density of the hyperparameters: ``shape`` ~ Exponential(1), else the evidence has no maximum."""
         return -self.shape
 
     def means(self, n_terms: int) -> np.ndarray:
@@ -182,9 +169,7 @@ class ExactPosterior(ABC):
     coefficients : tuple of str
         Names, length n_terms.
     mean, covariance : ndarray, shape (n_terms,) and (n_terms, n_terms)
-        Of the coefficients a posteriori.
     noise_variance_mean, noise_variance_sd : float
-        Of the noise variance a posteriori.
     log_evidence : float
         Log density of the original response, p(y).
     """
@@ -246,16 +231,8 @@ class ExactPosterior(ABC):
 class RotatedPosterior(ExactPosterior):
     """Exact posterior of coefficients = center + g basis, where g given the noise variance has independent components.
 
-    Attributes
-    ----------
-    center : ndarray, shape (n_terms,)
-        Prior mean of the coefficients.
-    basis : ndarray, shape (n_terms, n_terms)
-        Rows map the rotated coefficients g to the original ones.
-    prior_shape, prior_scale : float
-        Inverse gamma of the noise variance, a priori.
-    formula : Formula or None
-        Formula of the columns, for predictions.
+    ``center`` is the prior mean, ``prior_shape`` and ``prior_scale`` are of the noise variance a priori, ``formula`` is
+    that of the columns.
     """
 
     center: np.ndarray
@@ -283,8 +260,8 @@ class RotatedPosterior(ExactPosterior):
     def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
 
-        New rows are an array, shape (n_new, n_terms), a DataFrame of the columns in any order or, for data from a
-        formula, a DataFrame of its variables. InferenceError for another shape, missing columns or values not finite.
+        New rows are an array, shape (n_new, n_terms), or a DataFrame of the columns or of the variables of the formula.
+        InferenceError for another shape, missing columns or values not finite.
         """
         rotated, middle = self._rotate_rows(new_rows)
         mean, variance = self._moments(rotated)
@@ -293,9 +270,8 @@ class RotatedPosterior(ExactPosterior):
     def log_predictive_density(
         self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
     ) -> float | np.ndarray:
-        """Log predictive density of new rows: the joint one or, if ``pointwise``, of each row, shape (n_new,).
+        """Log predictive density of new rows in original columns: joint or, if ``pointwise``, of each row.
 
-        The design matrix has shape (n_new, n_terms) and the original columns, the response shape (n_new,).
         InferenceError for wrong shapes or values that are not finite.
         """
         rotated, middle = self._rotate_rows(design_matrix)
@@ -344,20 +320,10 @@ def _numbers(name: str, value: object) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Rotation:
-    """Sufficient statistics of regression data under a prior.
+    """Sufficient statistics of regression data under a prior: s, z, |e|^2 of the scaled response, center and basis.
 
-    Attributes
-    ----------
-    singular_values : ndarray, shape (n_terms,)
-        s of the scaled columns times the root of kappa; 0 for directions without information.
-    projection : ndarray, shape (n_terms,)
-        z of the scaled response, 0 likewise.
-    residual_square : float
-        |e|^2 of the scaled response.
-    center : ndarray, shape (n_terms,)
-        Prior mean of the original coefficients.
-    basis : ndarray, shape (n_terms, n_terms)
-        original coefficients = center + g basis.
+    s are the singular values of the scaled columns times the root of kappa; s and z are 0 for directions without
+    information; original coefficients = center + g basis.
     """
 
     singular_values: np.ndarray
@@ -368,13 +334,7 @@ class Rotation:
 
 
 def rotate(data: RegressionData, prior: Prior) -> Rotation:
-    """Rotate regression data; for scalar kappa and zero mean from the decomposition that the data keep.
-
-    Raises
-    ------
-    InferenceError
-        For hyperparameter vectors of the wrong length.
-    """
+    """Rotate regression data; for scalar kappa and zero mean from the decomposition that the data keep."""
     root, wide = np.sqrt(prior.kappas(data.n_terms)), data.n_terms > data.n_rows
     mean = prior.means(data.n_terms)
     decompose = np.ndim(prior.kappa) or wide

@@ -1,7 +1,7 @@
 """Quadrature over t = log sigma2 of the semi-conjugate posterior, whose coefficients have been integrated out.
 
-The density is analytic in the strip |Im t| < pi/2, so the trapezoid rule converges exponentially; the step is halved
-until the evidence changes by less than 1e-11 of itself.
+The density is analytic for |Im t| < pi/2, so the trapezoid rule converges exponentially: the step is halved until the
+evidence changes by less than 1e-11 of itself.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The semi-conjugate prior and its exact posterior, a mixture of normals over the noise variance.
 
-In the coordinates of :mod:`pymc_ship.inference.regression.priors` the g are independent given sigma2: a priori N(0, 1),
-a posteriori N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)). Once they are integrated out, one dimension is left for
-:mod:`pymc_ship.inference.regression.quadrature`: t = log sigma2.
+Given sigma2 the g of :mod:`~pymc_ship.inference.regression.priors` are independent: a priori N(0, 1), a posteriori
+N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)). :mod:`~pymc_ship.inference.regression.quadrature` integrates over log
+sigma2.
 """
 
 from __future__ import annotations
@@ -51,13 +51,9 @@ def _draws(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SemiConjugatePrior(Prior):
-    """Semi-conjugate prior: beta ~ N(mean, V) and, independently, sigma2 ~ IG(shape, scale).
+    """Semi-conjugate prior: beta ~ N(mean, V), sigma2 ~ IG(shape, scale), independent; Xue et al. (2020), Eq. 18.
 
     Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`; kappa is in units of the response.
-
-    References
-    ----------
-    Xue et al. (2020), Eq. 18; doi:10.1016/j.oceaneng.2019.106612.
 
     Examples
     --------
@@ -108,9 +104,7 @@ class SemiConjugatePrior(Prior):
 
 @dataclass(frozen=True, repr=False)
 class NormalMixture(RotatedPosterior):
-    """Exact posterior under a semi-conjugate prior, on the original scale.
-
-    coefficients = center + g basis, where the components of g given sigma2 are independent and normal.
+    """Exact posterior under a semi-conjugate prior: coefficients = center + g basis on the original scale.
 
     Attributes
     ----------
@@ -118,7 +112,6 @@ class NormalMixture(RotatedPosterior):
         s and z of :mod:`pymc_ship.inference.regression.priors`, in units of the response.
     residual_square : float
         Sum of the squared residuals of least squares.
-    n_rows : int
     log_noise_variance, weights : ndarray, shape (n_nodes,)
         Equidistant nodes in log sigma2 and their posterior weights, which add up to 1.
     """

@@ -59,10 +59,7 @@ def draws_tree(
     ----------
     data : RegressionData
     prior : Prior
-    coefficients : ndarray, shape (n_chains, n_draws, n_terms)
-        Draws on the original scale.
-    noise_variance : ndarray, shape (n_chains, n_draws)
-        Draws of sigma2 on the scale of the original response.
+    coefficients, noise_variance : ndarray, shape (n_chains, n_draws, n_terms), (n_chains, n_draws)
     method : str
         How the draws were made: ``"conjugate"``, ``"semiconjugate"``, ``"gibbs"``, ``"nuts"``.
     rng_state : str
@@ -74,9 +71,8 @@ def draws_tree(
     -------
     DataTree
         Groups posterior (``coefficients`` with dims chain, draw, coefficient; ``noise_variance`` with dims chain,
-        draw), log_likelihood (``response``), log_prior (``coefficients``, ``noise_variance``; joint density over the
-        coefficients), observed_data (``response``) and constant_data (``design_matrix``, ``time``); prior, vessel,
-        versions, generator state and citations in attrs.
+        draw), log_likelihood (``response``), log_prior (joint over the coefficients), observed_data and constant_data
+        (``design_matrix``, ``time``); prior, vessel, versions, generator state and citations in attrs.
     """
     n_chains, n_draws = noise_variance.shape
     coords = {"chain": np.arange(n_chains), "draw": np.arange(n_draws)}
@@ -268,12 +264,7 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
 def read_posterior(path: str | Path) -> xr.DataTree:
     """Read a posterior that :func:`write_posterior`, ``to_netcdf`` or ``to_zarr`` wrote.
 
-    A checksum is verified if there is one.
-
-    Raises
-    ------
-    ValueError
-        For a path that is no such posterior, or one that was damaged or changed since it was written.
+    ValueError for a path that is no such posterior, or a checksum that does not fit.
     """
     path = Path(path)
     settle(path.parent)

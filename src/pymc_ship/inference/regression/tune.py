@@ -29,21 +29,16 @@ class TunedPrior:
 
     Attributes
     ----------
-    prior : Prior
-        The better of ``evaluated_prior`` and ``surrogate_prior`` by score.
-    score, score_se : float
-        Score of ``prior`` and its standard error over the folds.
-    seen_prior, seen_score
+    prior, score, score_se
+        The better of the evaluated and the surrogate prior, its score and standard error over the folds.
+    evaluated_prior, evaluated_score
         Best point that the search evaluated, and its score.
     surrogate_prior, surrogate_score
         Optimum of the surrogate's mean, and its score.
-    points : ndarray, shape (evaluations, 3)
-        Shape, scale and kappa of the points evaluated, in order.
-    scores : ndarray, shape (evaluations,)
-    evidence_prior : Prior
-        Prior of maximum evidence in the same box, from :func:`maximise_evidence`.
-    log_evidence, evidence_score : float
-        Log evidence and score of ``evidence_prior``.
+    points, scores : ndarray, shape (evaluations, 3), (evaluations,)
+        Shape, scale and kappa of the points evaluated, in order, and their scores.
+    evidence_prior, log_evidence, evidence_score
+        Prior of :func:`maximise_evidence` in the same box, its log evidence and score.
     box : mapping of str to (float, float)
         Bounds of the search.
     """
@@ -111,10 +106,6 @@ def tune_prior(
         Bounds by name; the ``box`` of the family by default, whose names for both families of the paper are
         ``shape``, ``noise_variance`` (scale / shape) and ``kappa``.
     rng : int, SeedSequence or Generator
-
-    Returns
-    -------
-    TunedPrior
 
     Raises
     ------
@@ -224,18 +215,7 @@ def maximise_evidence(
 
 
 def on_edge(prior: Prior, box: Mapping[str, tuple[float, float]] | None = None) -> tuple[str, ...]:
-    """Names of the hyperparameters that lie on a bound of a box, the family's own by default.
-
-    Parameters
-    ----------
-    prior : Prior
-    box : dict of str to (float, float), optional
-        As :func:`tune_prior`.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Names of the hyperparameters that lie on a bound of a box, the family's own by default."""
     box = prior.box if box is None else box
     values = {"shape": prior.shape, "noise_variance": prior.scale / prior.shape, "kappa": prior.kappa}
     near = (name for name, bounds in box.items() if np.isclose(np.log(values[name]), np.log(bounds), atol=1e-3).any())
