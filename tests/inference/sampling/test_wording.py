@@ -102,9 +102,9 @@ test_value_errors = wording(
     *(
         (sentence, partial(tree_that_lacks, change=change))
         for change, sentence in [
-            (lambda group: group.drop_vars("scaled_coefficients"), "must hold 'coefficients' with dims chain, draw"),
-            (lambda group: group.isel(coefficient=slice(1, None)), "must hold 'coefficients' with dims chain, draw"),
-            (lambda group: group.isel(coefficient=slice(None, None, -1)), "must hold the coefficients of the data"),
+            (lambda group: group.drop_vars("scaled_coefficients"), "must have 'coefficients' with dims chain, draw"),
+            (lambda group: group.isel(coefficient=slice(1, None)), "must have 'coefficients' with dims chain, draw"),
+            (lambda group: group.isel(coefficient=slice(None, None, -1)), "must have the coefficients of the data"),
         ]
     ),
     ("need a generator", lambda: posterior_tree(sampled(), DATA, plain_model())),
@@ -155,7 +155,7 @@ test_errors_of_priors = wording(
 test_errors_of_rows = wording(
     ps.InferenceError,
     (
-        "Every run is of a group, found none for ship 2",
+        "Every run needs a group, found none for ship 2",
         lambda: group_of_rows(ships(), {"ship 0": "port", "ship 1": "starboard"}),
     ),
     (
@@ -176,7 +176,7 @@ test_trial_errors = wording(
 
 test_fit_errors = wording(
     FitError,
-    (r"leaves the model's range at the mode; find it anew", lambda: mode_model(far_mode())),
+    (r"leaves the model's range at the mode; repeat the fit", lambda: mode_model(far_mode())),
     (
         r"leaves the model's range at the mode",
         lambda: mode_nuts_posterior(far_mode(), draws=1, chains=1, tune=1, rng=np.random.default_rng(1)),

@@ -215,7 +215,7 @@ def test_steady_values_tell_nothing_while_nobody_knows_their_error(ship):
 
 
 def test_a_run_whose_indices_no_draw_reaches_tells_of_the_edge_alone(ship, monkeypatch):
-    monkeypatch.setattr(_Run, "reached", lambda run, names: names if run.manoeuvre == CIRCLE else [])
+    monkeypatch.setattr(_Run, "reached_indices", lambda run, names: names if run.manoeuvre == CIRCLE else [])
     plan = design(ship, [ps.zigzag(10, 10)], interest=[CIRCLE])
     np.testing.assert_allclose(plan["half_width"][1], plan["half_width"][0], rtol=0.02)
 

@@ -16,7 +16,7 @@ STEPS = ps.rudder_programme([0, 10], [0, 0.1])
 
 
 def where_no_draw_arrives(monkeypatch):
-    monkeypatch.setattr(_Run, "reached", lambda run, names: [])
+    monkeypatch.setattr(_Run, "reached_indices", lambda run, names: [])
     design(well_known(), [CIRCLE], interest=[ps.zigzag(10, 10)])
 
 
@@ -28,12 +28,12 @@ def of_a_posterior():
 test_simulation_errors = wording(
     ps.SimulationError,
     (
-        r"in 100 m: the turning circle 35 \w+ takes \d+ m; give more",
+        r"in 100 m: the turning circle 35 \w+ takes \d+ m; give more sea room",
         lambda: design(well_known(), [CIRCLE, ps.zigzag(20, 20)], sea_room=100.0),
     ),
     *(
         (
-            "one manoeuvre or more that have indices",
+            "one candidate and one target manoeuvre or more that have indices",
             lambda candidates=candidates, n=n, interest=interest: design(
                 well_known(), candidates, n, interest=interest
             ),
@@ -48,7 +48,7 @@ test_simulation_errors = wording(
         ]
     ),
     ("that nine tenths of the draws reach, found none of", where_no_draw_arrives),
-    ("knows wind", lambda: design(well_known(), [CIRCLE], wind=(10.0, 90.0))),
+    ("needs forces that depend on wind", lambda: design(well_known(), [CIRCLE], wind=(10.0, 90.0))),
     ("needs the motion of the runs so far, found a ship without it", of_a_posterior),
     (
         "needs the motion of the runs so far, found a ship without it",

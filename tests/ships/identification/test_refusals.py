@@ -43,7 +43,7 @@ def test_a_sound_ship_has_no_failure(tanker):
 def test_the_first_failure_is_where_the_motion_leaves_what_a_ship_can_do(tanker, spinning):
     failure = first_failure(tanker, spinning)
     assert not is_feasible(tanker, spinning[None])[0]
-    assert "in the zigzag 10/10 port she " in str(failure)
+    assert "in the zigzag 10/10 port the ship " in str(failure)
     ship = failure.motion
     assert float(ship["time"][-1]) == failure.time
     speed = np.hypot(ship["u"], ship["v"])

@@ -85,7 +85,7 @@ test_trial_errors = wording(
     ("found 1 trials, 2 names", lambda: identified(trials(0)[:1], names=["a", "b"])),
     ("1 names and 1 draws", lambda: identified(trials(0)[:1], draws=1)),
     (
-        r"^A run .* lasts half a window .* found 80 s; use a longer one\.$",
+        r"^A run .* lasts half a window .* found 80 s; use a longer run\.$",
         lambda: identified([trials(0)[0], trials(0)[1].isel(time=slice(0, 80))]),
     ),
     *(

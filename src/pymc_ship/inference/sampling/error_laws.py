@@ -8,7 +8,7 @@ With e the error of a row and sigma2 the ``noise_variance``:
 - ``ar1``: e_t | e_(t-1) ~ N(rho e_(t-1), (1 - rho^2) sigma2), rho = ``autocorrelation`` ~ Uniform(-1, 1); the first row
   is stationary, e_1 ~ N(0, sigma2), and sigma2 is the variance of every row.
 
-So sigma2, and with it the prior, means the same throughout: large nu and rho = 0 are the normal model.
+Large nu and rho = 0 are the normal model.
 
 References
 ----------
@@ -42,25 +42,17 @@ Whitening = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class ErrorLaw:
-    """What differs between the laws; arrays of the parameter have shape (...), of rows (..., n_rows).
+    """Law of the errors; arrays of the parameter have shape (...), of rows (..., n_rows).
 
     Attributes
     ----------
-    parameter : str
-        Name of the parameter beside the noise variance, ``""`` for none.
-    prior : str
-        Its prior in words.
-    draw_parameter : callable
-        (rng, size) -> draws of its prior.
-    log_parameter : callable
-        parameter -> log prior density.
-    draw_errors : callable
-        (rng, noise_sd, parameter, n_rows) -> errors.
-    log_likelihood : callable
-        (residual, noise_variance, parameter) -> log density of each row; for AR(1) given the rows before it.
-    whiten : callable
-        (residual, noise_variance) -> function of rows, shape (n_rows, ...), that makes the errors nearly normal and
-        independent.
+    parameter : str; name of the parameter besides the noise variance, ``""`` for none
+    prior : str; its prior as text
+    draw_parameter : callable; (rng, size) -> draws of its prior
+    log_parameter : callable; parameter -> log prior density
+    draw_errors : callable; (rng, noise_sd, parameter, n_rows) -> errors
+    log_likelihood : callable; (residual, noise_variance, parameter) -> log density of each row, given those before
+    whiten : callable; (residual, noise_variance) -> function of rows (n_rows, ...) that whitens their errors
     """
 
     parameter: str
@@ -106,7 +98,7 @@ def _whiten_student_t(residual: np.ndarray, noise_variance: float) -> Whitening:
 
 
 def plug_in_autocorrelation(residual: np.ndarray) -> float:
-    """Autocorrelation of residuals, shape (n_rows,), kept off the bounds."""
+    """Lag-one autocorrelation of residuals (n_rows,), clipped to +-0.995."""
     square = residual @ residual
     return float(np.clip(residual[1:] @ residual[:-1] / square if square > 0.0 else 0.0, -0.995, 0.995))
 
@@ -157,15 +149,7 @@ _CITED = {
 
 
 def error_law(errors: str, data: RegressionData | None = None) -> ErrorLaw:
-    """Error law of a name, checked against the data.
-
-    Raises
-    ------
-    ValueError
-        For a name that is none.
-    InferenceError
-        For AR(1) errors on rows that are not uniformly spaced in time.
-    """
+    """Error law of a name; ValueError for an unknown name, InferenceError for AR(1) errors of unevenly spaced rows."""
     check_choice("The law of the errors", errors, ERRORS)
     if errors == "ar1" and data is not None:
         steps = np.diff(data.time)
@@ -178,12 +162,12 @@ def error_law(errors: str, data: RegressionData | None = None) -> ErrorLaw:
 
 
 def errors_of(tree: xr.DataTree) -> str:
-    """Law of the errors that a posterior records."""
+    """Name of the error law of a posterior."""
     return tree.attrs.get("errors", "normal")
 
 
 def with_errors(tree: xr.DataTree, data: RegressionData, errors: str, parameter: np.ndarray) -> xr.DataTree:
-    """Posterior tree with the parameter of its error law and the log likelihood that belongs to it.
+    """Posterior tree with the parameter of its error law, its log prior density and the log likelihood.
 
     Parameters
     ----------
@@ -196,7 +180,7 @@ def with_errors(tree: xr.DataTree, data: RegressionData, errors: str, parameter:
     Returns
     -------
     DataTree
-        New; also with the log prior density of the parameter, and ``errors`` and ``error_prior`` in attrs.
+        A copy, with ``errors`` and ``error_prior`` in attrs.
     """
     law, sample = error_law(errors, data), ("chain", "draw")
     groups = {name: group.to_dataset() for name, group in tree.children.items()}

@@ -1,4 +1,4 @@
-"""Draws of a PyMC model of one's own, laid out as every posterior of the package is."""
+"""Posterior tree of a user's own PyMC model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pymc as pm
 
 OWN = "own"
-"""Family of a prior that only its model states."""
+"""Family of a prior that the package does not know."""
 
 _SAMPLE = ("chain", "draw")
 
@@ -33,43 +33,40 @@ def posterior_tree(
     prior: Prior | None = None,
     rng: Seed | None = None,
 ) -> xr.DataTree:
-    """Lay out the draws of your own PyMC model as a posterior of this package.
-
-    The tree can then be written, diagnosed, compared with the exact posterior and carried into forecasts. What it does
-    not hold is left out there.
+    """Posterior tree of the draws of your own PyMC model, for diagnostics, files and forecasts.
 
     Parameters
     ----------
     sampled : DataTree
         As ``pm.sample`` returns it. Its posterior has ``coefficients`` on the scale of the original columns, or
         ``scaled_coefficients`` on the scaled ones, with dims chain, draw and one more in the order of the data; and
-        ``noise_variance`` or ``scaled_noise_variance`` likewise, if the model has one. Other variables are kept, and so
-        are sample_stats, log_likelihood, log_prior and the prior and predictive groups.
+        ``noise_variance`` or ``scaled_noise_variance`` likewise, if the model has one. Other variables,
+        sample_stats, log_likelihood, log_prior and the prior and predictive groups are copied.
     data : RegressionData
-        What the model was fitted to.
+        Data of the fit.
     model : pymc.Model, optional
-        From it come the groups that ``sampled`` lacks: log_likelihood, log_prior, prior, prior_predictive and
-        posterior_predictive. Its one observed variable becomes ``response``; it is to be on the original scale.
+        Computes missing groups: log_likelihood, log_prior, prior, prior_predictive, posterior_predictive. Its one
+        observed variable, on the original scale, becomes ``response``.
     prior : Prior, optional
-        Where the model states exactly this prior; its draws are then compared with its exact posterior.
+        If the model has exactly this prior, the draws can be compared with the exact posterior.
     rng : int, SeedSequence or Generator, optional
-        Needed with a model, for its predictive draws.
+        Required with a model, for predictive draws.
 
     Returns
     -------
     DataTree
-        As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with those groups that ``sampled`` or the model has;
-        the attr ``method`` is ``nuts``.
+        As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the groups of ``sampled`` or the model; attr
+        ``method`` is ``nuts``.
 
     Raises
     ------
     ValueError
-        For a tree without coefficients, or with others than the data have; for a model of several observed variables,
-        or without ``rng``.
+        For a tree without the coefficients of the data, a model with several observed variables, or a model without
+        ``rng``.
 
     Examples
     --------
-    A model of one's own, and its draws beside the exact posterior:
+    A linear regression:
 
     >>> import numpy as np
     >>> import pymc as pm
@@ -89,7 +86,7 @@ def posterior_tree(
     rng = None if rng is None else random_generator(rng)
     if prior is not None:
         check_prior(prior)
-    groups = {name: node.to_dataset() for name, node in sampled.children.items() if name in _KEPT}
+    groups = {name: node.to_dataset() for name, node in sampled.children.items() if name in _COPIED_GROUPS}
     groups["posterior"] = _posterior(groups.get("posterior", xr.Dataset()), data)
     state = "" if rng is None else rng_state(rng)
     if model is not None:
@@ -104,51 +101,51 @@ def posterior_tree(
 
 
 _BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
-_KEPT = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
+_COPIED_GROUPS = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
 
 
 def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
-    """Group with ``coefficients`` and, where it is known, ``noise_variance`` on the original scale."""
-    found = next((name for name in ("coefficients", "scaled_coefficients") if name in group), None)
-    if found is None or group[found].ndim != 3 or group[found].shape[-1] != data.n_terms:
+    """Group with ``coefficients`` and, if there, ``noise_variance`` on the original scale."""
+    variable = next((name for name in ("coefficients", "scaled_coefficients") if name in group), None)
+    if variable is None or group[variable].ndim != 3 or group[variable].shape[-1] != data.n_terms:
         raise ValueError(
-            f"The posterior must hold 'coefficients' with dims chain, draw and {data.n_terms} terms, found "
+            f"The posterior must have 'coefficients' with dims chain, draw and {data.n_terms} terms, found "
             f"{', '.join(map(str, group.data_vars)) or 'no variable'}; add pm.Deterministic('coefficients', ...)."
         )
-    draws, names = group[found].transpose(*_SAMPLE, ...), list(data.coefficients)
+    draws, names = group[variable].transpose(*_SAMPLE, ...), list(data.coefficients)
     dim = draws.dims[-1]
-    given = [str(name) for name in draws[dim].values]
-    if dim == "coefficient" and given not in (names, [str(k) for k in range(data.n_terms)]):
+    labels = [str(name) for name in draws[dim].values]
+    if dim == "coefficient" and labels not in (names, [str(k) for k in range(data.n_terms)]):
         raise ValueError(
-            f"The posterior must hold the coefficients of the data, {', '.join(names)}, in order, found "
-            f"{', '.join(given)}; give the data that the model was fitted to."
+            f"The posterior must have the coefficients of the data, {', '.join(names)}, in order, found "
+            f"{', '.join(labels)}; give the data that the model was fitted to."
         )
-    values = draws.to_numpy() if found == "coefficients" else data.to_original(draws.to_numpy())
-    named = group.rename({} if dim == "coefficient" else {dim: "coefficient"}).assign_coords(coefficient=names)
-    if "noise_variance" not in named and "scaled_noise_variance" in named:
-        named = named.assign(noise_variance=data.response_scale**2 * named["scaled_noise_variance"])
-    return named.assign(coefficients=((*_SAMPLE, "coefficient"), values))
+    values = draws.to_numpy() if variable == "coefficients" else data.to_original(draws.to_numpy())
+    renamed = group.rename({} if dim == "coefficient" else {dim: "coefficient"}).assign_coords(coefficient=names)
+    if "noise_variance" not in renamed and "scaled_noise_variance" in renamed:
+        renamed = renamed.assign(noise_variance=data.response_scale**2 * renamed["scaled_noise_variance"])
+    return renamed.assign(coefficients=((*_SAMPLE, "coefficient"), values))
 
 
 def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> dict[str, xr.Dataset]:
-    """Groups that PyMC computes from a model and its draws."""
+    """Groups computed by PyMC from a model and its draws."""
     import pymc as pm
 
     observed = [variable.name for variable in model.observed_RVs]
     if len(observed) != 1:
         raise ValueError(
             f"A regression has one observed variable, found {', '.join(observed) or 'none'}; give the groups of such a "
-            "model in the tree and leave the model out."
+            "model in the tree and omit the model."
         )
     draws, silent = xr.DataTree.from_dict({"posterior": groups["posterior"]}), {"progressbar": False}
-    as_it_stands = {"compile_kwargs": {"mode": "FAST_COMPILE"}}  # compiling takes a minute and saves seconds
+    fast_compile = {"compile_kwargs": {"mode": "FAST_COMPILE"}}  # compiling takes a minute and saves seconds
     with model, _quiet():
-        likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **silent, **as_it_stands)
-        prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **silent, **as_it_stands)
+        likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **silent, **fast_compile)
+        prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **silent, **fast_compile)
         predictive = pm.sample_posterior_predictive(
-            draws, var_names=observed, random_seed=seed, **silent, **as_it_stands
+            draws, var_names=observed, random_seed=seed, **silent, **fast_compile
         )
-        from_prior = pm.sample_prior_predictive(PREDICTIVE_DRAWS, random_seed=seed + 1, **as_it_stands)
+        from_prior = pm.sample_prior_predictive(PREDICTIVE_DRAWS, random_seed=seed + 1, **fast_compile)
     return {
         "log_likelihood": _dataset(likelihood, "log_likelihood"),
         "log_prior": _dataset(prior, "log_prior"),
@@ -160,7 +157,7 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without the remarks on what is drawn."""
+    """Suppress PyMC's log messages of sampling."""
     log = logging.getLogger("pymc")
     level = log.level
     log.setLevel(logging.WARNING)
@@ -175,7 +172,7 @@ def _dataset(result: xr.DataTree | xr.Dataset, group: str) -> xr.Dataset:
 
 
 def _named_rows(group: xr.Dataset, name: str, data: RegressionData) -> xr.Dataset:
-    """Group of values by row, its one variable called ``response`` with dim row."""
+    """Group of values by row with its one variable renamed ``response``."""
     if name not in _BY_ROW or len(group.data_vars) != 1:
         return group
     values = next(iter(group.data_vars.values())).transpose(*_SAMPLE, ...)

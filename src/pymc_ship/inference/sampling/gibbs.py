@@ -1,10 +1,7 @@
-"""Gibbs sampler in rotated coordinates, where a step costs O(n_terms).
+"""Gibbs sampler in the rotated coordinates of :mod:`pymc_ship.inference.regression.priors`, O(n_terms) per step.
 
-The coordinates are those of :mod:`pymc_ship.inference.regression.priors`.
-Given sigma2 the rotated coefficients g are independent, and the sum of squared residuals is |e|^2 + |z - s g|^2:
-neither conditional needs the rows, a matrix, or a factorisation. Where the prior variance of g is proportional to
-sigma2, as under the conjugate prior, g'g counts as residuals too, which gives sigma2 the shape A + (n + c)/2 of Eq. 15
-in Xue et al. (2020). Where it is proportional to a power other than 0 or 1, the conditional is no inverse gamma.
+Given sigma2 the rotated coefficients g are independent; the residual sum of squares is |e|^2 + |z - s g|^2. Under the
+conjugate prior g'g is added to it, with shape A + (n + c)/2 of sigma2 (Xue et al. 2020, Eq. 15).
 """
 
 from __future__ import annotations
@@ -31,11 +28,7 @@ def _sweep(
     rotated: np.ndarray,
     noise_variance: np.ndarray,
 ) -> None:
-    """Run every chain from its noise variance; the draws of the warm-up are overwritten.
-
-    ``shape`` is that of the full conditional of sigma2; ``ridge`` is the prior precision of g in units of 1 / sigma2,
-    or 0 where it is 1 whatever sigma2.
-    """
+    """Run all chains in place; ``shape``: conditional of sigma2, ``ridge``: prior precision of g times sigma2, or 0."""
     s, z, residual_square, tune = likelihood
     shape, scale, ridge = prior
     for chain in range(start.size):
@@ -53,7 +46,7 @@ def _sweep(
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _map_back(rotated: np.ndarray, columns: np.ndarray, center: np.ndarray) -> None:
-    """Replace each rotated draw by the original coefficients; the columns are those of the basis, as rows."""
+    """Replace rotated draws by original coefficients; ``columns`` is the transposed basis."""
     g = np.empty(center.size)
     for draw in rotated:
         g[:] = draw
@@ -73,7 +66,7 @@ def gibbs(
     tune: int = 500,
     rng: Seed,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gibbs draws, without the layout.
+    """Gibbs draws as arrays.
 
     Parameters
     ----------
@@ -81,12 +74,12 @@ def gibbs(
     prior : Prior
         On the scaled columns; mean and kappa may be vectors.
     draws : int, optional
-        Draws of each chain that are kept.
+        Draws of each chain after the warm-up.
     chains : int, optional
-        The chains start at noise variances spread evenly in the logarithm from a third of the smallest mode that the
-        conditional of sigma2 can have to three times the largest.
+        Start values of sigma2 are log-spaced from a third of the least possible conditional mode to three times the
+        largest.
     tune : int, optional
-        Draws of each chain that are made first and thrown away.
+        Warm-up draws of each chain.
     rng : int, SeedSequence or Generator
 
     Returns
@@ -146,14 +139,14 @@ def gibbs_posterior(
     tune: int = 500,
     rng: Seed,
 ) -> xr.DataTree:
-    """Gibbs draws, laid out as a DataTree.
+    """Posterior by Gibbs sampling, as a DataTree.
 
     Parameters
     ----------
     data : RegressionData
     prior : Prior
     draws, chains, tune : int, optional
-        Draws kept of each chain, chains, and draws of each chain thrown away first; as :func:`gibbs`.
+        Draws of each chain, chains, and warm-up draws of each chain.
     rng : int, SeedSequence or Generator
 
     Returns

@@ -1,17 +1,13 @@
-"""Coefficients partially pooled over groups of runs: sides, ships or facilities; pymc is imported only when called.
+"""Coefficients partially pooled over groups of runs, such as ships or facilities; pymc is imported when called.
 
-With b_g the scaled coefficients of group g, m their mean over all groups that could be, and tau_j the spread of
+With b_g the scaled coefficients of group g, m their population mean, and tau_j the sd of
 coefficient j between groups:
 
     m_j ~ N(mean_j, kappa_j),  tau_j ~ HalfNormal(spread),  b_gj ~ N(m_j, tau_j^2),
     sigma2_g ~ IG(shape, scale),  y ~ N(X b_g, sigma2_g) in each row of group g.
 
-:func:`hierarchical_model` states it for users to change, not centred: m and b are linear in standard normal variables
-(Papaspiliopoulos, Roberts & Skoeld 2007). NUTS is slow there, since the width of what many rows determine is as narrow
-as tau is wide. :func:`hierarchical_posterior` therefore draws tau and sigma2 from their marginal posterior, in which m
-and b are integrated out (Lindley & Smith 1972, JRSS B 34(1):1, doi:10.1111/j.2517-6161.1972.tb00885.x), and then m and
-b exactly, given these. With the triangles R of the rows of each group, S = sigma2 I + R diag(tau^2) R' is the variance
-of their projections about R m, and the rest of the rows speaks of sigma2 alone.
+:func:`hierarchical_model` is non-centred (Papaspiliopoulos, Roberts & Skoeld 2007). NUTS draws tau and sigma2 from
+their marginal posterior (Lindley & Smith 1972, doi:10.1111/j.2517-6161.1972.tb00885.x); m and b are exact draws.
 """
 
 from __future__ import annotations
@@ -47,14 +43,13 @@ def hierarchical_model(
     Parameters
     ----------
     data : RegressionData
-        Of several trials, from :func:`pymc_ship.regression_data`.
+        Rows of several trials.
     prior : SemiConjugatePrior
         Of the means over groups on the scaled columns, and of the noise variance of each group.
     groups : mapping of str to str, optional
-        Group of each run, such as its side or facility; by default each run is a group.
+        Group of each run; default: each run.
     spread : float, optional
-        Scale of the half-normal prior of the standard deviation between groups, on the scaled columns: 1 is a
-        difference that moves the response by as much as it varies.
+        Scale of the half-normal prior of the sd between groups, on the scaled columns.
 
     Returns
     -------
@@ -67,7 +62,7 @@ def hierarchical_model(
     Raises
     ------
     InferenceError
-        For fewer than two groups, or a run without one. For a prior whose coefficients depend on the noise variance, or
+        For fewer than two groups, a run without one, a prior whose coefficients depend on the noise variance, or
         vectors of the wrong length.
 
     References
@@ -78,7 +73,7 @@ def hierarchical_model(
     import pymc as pm
     import pytensor.tensor as pt
 
-    spread = _checked(prior, spread)
+    spread = _check_spread(prior, spread)
     labels, group = group_of_rows(data, groups)
     offset, transformation = data.transformation
     mean, root = prior.means(data.n_terms), np.sqrt(prior.kappas(data.n_terms))
@@ -114,9 +109,7 @@ def hierarchical_posterior(
     rng: Seed,
     progress: bool = False,
 ) -> xr.DataTree:
-    """Draws from the posterior of :func:`hierarchical_model`, laid out as a DataTree.
-
-    NUTS draws the spreads between groups and the noise variances; the coefficients are drawn exactly, given these.
+    """Posterior of :func:`hierarchical_model`: NUTS for sd and noise variances, exact draws of the coefficients.
 
     Parameters
     ----------
@@ -129,8 +122,8 @@ def hierarchical_posterior(
     Returns
     -------
     DataTree
-        As :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`. ``coefficients`` are the means over groups;
-        ``group_coefficients``, ``group_sd`` and ``group_noise_variance`` stand beside them.
+        As :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`. ``coefficients`` are the means over groups,
+        with ``group_coefficients``, ``group_sd`` and ``group_noise_variance``.
 
     Raises
     ------
@@ -141,7 +134,7 @@ def hierarchical_posterior(
 
     Examples
     --------
-    Zigzags that begin to starboard and to port:
+    Zigzags with first execute to starboard and to port:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
@@ -154,7 +147,7 @@ def hierarchical_posterior(
     >>> dict(tree["posterior"]["group_coefficients"].sizes)
     {'chain': 2, 'draw': 100, 'group': 2, 'coefficient': 12}
     """
-    rng, spread = random_generator(rng), _checked(prior, spread)
+    rng, spread = random_generator(rng), _check_spread(prior, spread)
     labels, group = group_of_rows(data, groups)
     reduced = reduced_groups(data, prior, group)
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept}
@@ -174,18 +167,12 @@ def hierarchical_posterior(
 
 
 def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tuple[list[str], np.ndarray]:
-    """Labels of the groups in the order of their first rows, and the number of the group of each row.
-
-    Raises
-    ------
-    InferenceError
-        For fewer than two groups, or a run without one.
-    """
+    """Labels of the groups, and group index of each row; InferenceError for one group only or a run without a group."""
     runs = list(dict.fromkeys(data.run.tolist()))
     groups = {run: run for run in runs} if groups is None else groups
     lacking = [run for run in runs if run not in groups]
     if lacking:
-        raise InferenceError(f"Every run is of a group, found none for {', '.join(lacking)}; name its group.")
+        raise InferenceError(f"Every run needs a group, found none for {', '.join(lacking)}; give its group.")
     labels = list(dict.fromkeys(str(groups[run]) for run in runs))
     if len(labels) < 2:
         raise InferenceError(
@@ -195,8 +182,8 @@ def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tup
     return labels, np.array([labels.index(str(groups[run])) for run in data.run])
 
 
-def _checked(prior: SemiConjugatePrior, spread: float) -> float:
-    """Spread of a hierarchical model whose prior can be used."""
+def _check_spread(prior: SemiConjugatePrior, spread: float) -> float:
+    """Spread, checked, with a prior that does not depend on the noise variance."""
     check_prior(prior)
     if prior.noise_power != 0:
         raise InferenceError(
@@ -207,7 +194,7 @@ def _checked(prior: SemiConjugatePrior, spread: float) -> float:
 
 
 class _Group(NamedTuple):
-    """Rows of a group, less the prior mean of the coefficients: triangle R, projection, and what lies outside."""
+    """Rows of a group about the prior mean: triangle R, projection, residual sum of squares, count."""
 
     triangle: np.ndarray
     projection: np.ndarray
@@ -216,22 +203,22 @@ class _Group(NamedTuple):
 
 
 def reduced_groups(data: RegressionData, prior: SemiConjugatePrior, group: np.ndarray) -> list[_Group]:
-    """Triangle of the rows of each group, of n_terms rows also where the group has fewer."""
+    """QR reduction of the rows of each group, padded to n_terms rows."""
     X, p = data.scaled_design_matrix, data.n_terms
     y = data.scaled_response - X @ prior.means(p)
-    found = []
+    reduced = []
     for g in range(group.max() + 1):
         rows, target = X[group == g], y[group == g]
         left, triangle = np.linalg.qr(rows)
         projection, lacking = left.T @ target, max(0, p - len(rows))
         residual = target - left @ projection
         padded = np.pad(triangle, ((0, lacking), (0, 0))), np.pad(projection, (0, lacking))
-        found.append(_Group(*padded, float(residual @ residual), len(rows)))
-    return found
+        reduced.append(_Group(*padded, float(residual @ residual), len(rows)))
+    return reduced
 
 
 def marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: float) -> pm.Model:
-    """PyMC model of tau and sigma2 with the density of the rows of all groups, coefficients integrated out."""
+    """PyMC model of tau and sigma2 with the coefficients integrated out."""
     import pymc as pm
 
     from pymc_ship.inference.sampling.operations import PooledDensity
@@ -252,7 +239,7 @@ def marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: flo
 def standardised_draws(
     reduced: list[_Group], prior: SemiConjugatePrior, tau: np.ndarray, variance: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Exact draws of the standard normal variables, shape (n_draws, 1 + n_groups, n_terms), given tau and sigma2."""
+    """Exact draws of the standardised variables (n_draws, 1 + n_groups, n_terms), given tau and sigma2."""
     n_draws, p = tau.shape
     eye, root_kappa = np.eye(p), np.sqrt(prior.kappas(p))
     precision, shift = np.tile(np.diag(1.0 / prior.kappas(p)), (n_draws, 1, 1)), np.zeros((n_draws, p))
@@ -274,14 +261,14 @@ def standardised_draws(
 
 
 def _normal(precision: np.ndarray, shift: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """One draw each of normal vectors with these precisions, and the precisions times the means."""
+    """One draw of each N(precision^-1 shift, precision^-1)."""
     root = np.linalg.cholesky(precision)
     half = np.linalg.solve(root, shift[..., None]) + rng.standard_normal((*shift.shape, 1))
     return np.linalg.solve(root.transpose(0, 2, 1), half)[..., 0]
 
 
 def _posterior(data: RegressionData, prior: SemiConjugatePrior, labels: list[str], drawn: tuple) -> xr.Dataset:
-    """Free and deterministic variables of :func:`hierarchical_model`, from draws of tau, sigma2 and standard values."""
+    """Variables of :func:`hierarchical_model` from draws of tau, sigma2 and standardised values."""
     tau, variance, flat = drawn
     standard = flat.reshape(*tau.shape[:2], *flat.shape[1:])
     means = prior.means(data.n_terms) + np.sqrt(prior.kappas(data.n_terms)) * standard[:, :, 0]

@@ -1,4 +1,4 @@
-"""Linear coordinates of a PyMC variable: NUTS moves in them, the model is stated without them."""
+"""Linear coordinates of a PyMC variable for NUTS; the model does not depend on them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from pytensor.tensor.variable import TensorVariable
 class LinearTransform(Transform):
     """Coordinates c of a vector x = center + basis c.
 
-    Given as ``transform=`` to a PyMC variable, it changes the coordinates that NUTS moves in and nothing else: the
-    density of x, and so the posterior, is the one that the model states. Where the basis is a root of about the
-    posterior covariance, c is about standard normal and a chain needs few steps.
+    Given as ``transform=`` to a PyMC variable, it changes the coordinates of NUTS, not the posterior. With a root
+    of the posterior covariance as basis, c is close to standard normal.
 
     Parameters
     ----------
@@ -33,9 +32,9 @@ class LinearTransform(Transform):
         return pt.dot(self.inverse, value - self.center)
 
     def backward(self, value: TensorVariable, *_: object) -> TensorVariable:
-        """Vector at some coordinates."""
+        """Vector of coordinates."""
         return self.center + pt.dot(self.basis, value)
 
     def log_jac_det(self, value: TensorVariable, *_: object) -> TensorVariable:
-        """Log volume of the basis, whatever the coordinates."""
+        """Log determinant of the basis."""
         return pt.as_tensor(self.log_volume)

@@ -1,4 +1,4 @@
-"""Operations of PyTensor with their gradients: the simulated motion of a run, and the density of pooled groups."""
+"""PyTensor operations with gradients: simulated motion of a run, density of pooled groups."""
 
 from __future__ import annotations
 
@@ -29,13 +29,7 @@ _jit = njit(cache=True, nogil=True, error_model="numpy")
 class SimulatedMotion(Op):
     """Block means of the states along the rudder of a run, shape (n_states, n_blocks), and their derivatives.
 
-    Inputs are the coefficients (n_coefficients,) and the initial state (n_states,). Where the ship leaves the model's
-    range, the motion is NaN throughout and its derivatives are 0.
-
-    Parameters
-    ----------
-    run : Run
-    vessel : Vessel
+    Inputs: coefficients (n_coefficients,), initial state (n_states,). A diverged motion is NaN, its derivatives are 0.
     """
 
     default_output = 0
@@ -44,11 +38,11 @@ class SimulatedMotion(Op):
         self.run, self.vessel = run, vessel
 
     def make_node(self, *inputs: Any) -> Apply:
-        """Apply the operation to two vectors; the second output is the Jacobian, which the gradient needs."""
+        """Node with two outputs, motion and Jacobian."""
         return Apply(self, list(map(pt.as_tensor_variable, inputs)), [pt.dmatrix(), pt.dtensor3()])
 
     def perform(self, node: Apply, inputs: Sequence[np.ndarray], output_storage: list[list[Any]]) -> None:
-        """Simulate once, with sensitivities: one evaluation serves density and gradient."""
+        """Simulate with sensitivities."""
         coefficients, initial_state = inputs
         run = self.run
         motion, jacobian = sensitivities(
@@ -59,7 +53,7 @@ class SimulatedMotion(Op):
         output_storage[0][0], output_storage[1][0] = motion, jacobian
 
     def infer_shape(self, node: Apply, input_shapes: Sequence[Sequence[Any]]) -> list[Sequence[Any]]:
-        """States, blocks and unknowns of the run."""
+        """Shapes of motion and Jacobian."""
         (n_coefficients,), (n_states,) = input_shapes
         n_blocks = pt.constant(self.run.n_blocks)
         return [(n_states, n_blocks), (n_states, n_blocks, n_coefficients + n_states)]
@@ -77,8 +71,8 @@ class SimulatedMotion(Op):
 
 
 @numba_funcify.register(SimulatedMotion)
-def _called_from_numba(op: Op, node: Apply, **kwargs: Any) -> Any:
-    """Python within compiled graphs, without the warning: the simulation itself is compiled and releases the GIL."""
+def _numba_simulated_motion(op: Op, node: Apply, **kwargs: Any) -> Any:
+    """Numba object mode without its warning; the simulation itself is compiled."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Numba will use object mode", category=UserWarning)
         return generate_fallback_impl(op, node, **kwargs)
@@ -87,30 +81,28 @@ def _called_from_numba(op: Op, node: Apply, **kwargs: Any) -> Any:
 class PooledDensity(Op):
     """Log density of the rows of all groups, coefficients integrated out, and its derivatives by tau and sigma2.
 
-    With S = sigma2 I + R diag(tau^2) R' of a group, D its inverse, M the covariance of the mean over groups given the
-    rows, and e the projection less R times that mean, the log density changes by half the trace of
-    (D e e' D - D + D R M R' D) dS.
+    With S = sigma2 I + R diag(tau^2) R' of a group, D = S^-1, M the posterior covariance of the mean over groups, and
+    e the projection less R times that mean: d log density = tr((D e e' D - D + D R M R' D) dS) / 2.
 
-    Inputs are tau (n_terms,), sigma2 (n_groups,), the triangles (n_groups, n_terms, n_terms), projections
-    (n_groups, n_terms) and residual sums of squares (n_groups,) of the groups, their numbers of rows less n_terms
-    (n_groups,), and the precisions of the means over groups (n_terms,). The density is NaN where tau or sigma2 are too
-    large or too small for a triangle.
+    Inputs: tau (n_terms,), sigma2 (n_groups,), triangles (n_groups, n_terms, n_terms), projections (n_groups, n_terms),
+    residual sums of squares (n_groups,), rows less n_terms (n_groups,), precisions of the means (n_terms,). NaN if out
+    of numerical range.
     """
 
     __props__ = ()
     default_output = 0
 
     def make_node(self, *inputs: Any) -> Apply:
-        """Apply the operation to the seven arrays; the other two outputs are what the gradient needs."""
+        """Node with three outputs: density and its derivatives by tau and sigma2."""
         return Apply(self, list(map(pt.as_tensor_variable, inputs)), [pt.dscalar(), pt.dvector(), pt.dvector()])
 
     def perform(self, node: Apply, inputs: Sequence[np.ndarray], output_storage: list[list[Any]]) -> None:
-        """One evaluation serves density and gradient."""
+        """Density and gradient in one evaluation."""
         density, of_tau, of_variance = pooled_density(*inputs)
         output_storage[0][0], output_storage[1][0], output_storage[2][0] = np.asarray(density), of_tau, of_variance
 
     def infer_shape(self, node: Apply, input_shapes: Sequence[Sequence[Any]]) -> list[Sequence[Any]]:
-        """Terms and groups."""
+        """Shapes of the outputs."""
         return [(), input_shapes[0], input_shapes[1]]
 
     def pullback(self, inputs: Sequence[Any], outputs: Sequence[Any], cotangents: Sequence[Any]) -> list[Any]:
@@ -123,18 +115,18 @@ class PooledDensity(Op):
 
 
 @register_funcify_default_op_cache_key(PooledDensity)
-def _compiled_in_numba(op: Op, node: Apply, **kwargs: Any) -> Callable[..., Any]:
+def _numba_pooled_density(op: Op, node: Apply, **kwargs: Any) -> Callable[..., Any]:
     @numba_njit
-    def called(*inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def pooled_density_function(*inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         density, of_tau, of_variance = pooled_density(*inputs)
         return np.asarray(density), of_tau, of_variance
 
-    return called
+    return pooled_density_function
 
 
 @_jit
 def _inverse_root(matrix: np.ndarray) -> tuple[np.ndarray, float]:
-    """Inverse W of the lower triangle of a positive definite matrix, W'W its inverse, and half its log determinant."""
+    """Inverse Cholesky factor W of a positive definite matrix, and half its log determinant."""
     p = matrix.shape[0]
     root, inverse, half = np.zeros((p, p)), np.zeros((p, p)), 0.0
     for i in range(p):

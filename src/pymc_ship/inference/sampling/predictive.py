@@ -1,4 +1,4 @@
-"""Draws from the prior, and responses that prior and posterior predict for the rows of the data: ArviZ's checks."""
+"""Prior draws, and prior and posterior predictive draws of the rows, for ArviZ's checks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pymc_ship.inference.sampling.error_laws import error_law, errors_of
 from pymc_ship.machine.seeds import Seed, random_generator
 
 PREDICTIVE_DRAWS = 500
-"""Draws from the prior that a posterior is seen beside: enough for the curves of a check."""
+"""Default number of prior draws."""
 
 
 def prior_draws(
@@ -30,7 +30,7 @@ def prior_draws(
     Parameters
     ----------
     data : RegressionData
-        Gives the scaling that the prior lives on, and the names.
+        Data with the scaling of the prior, and the names.
     prior : Prior
     draws : int
     rng : numpy.random.Generator
@@ -64,12 +64,12 @@ def prior_draws(
 def predictive(
     data: RegressionData, parameters: xr.Dataset, *, rng: np.random.Generator, errors: str = "normal"
 ) -> xr.Dataset:
-    """Draw one response of every row, original scale, for each draw of the parameters.
+    """Responses of all rows on the original scale, one for each draw of the parameters.
 
     Parameters
     ----------
     data : RegressionData
-        Its design matrix is used, not its response.
+        Only its design matrix is used.
     parameters : Dataset
         A group prior or posterior: ``coefficients``, ``noise_variance`` and the parameter of the error law.
     rng : numpy.random.Generator
@@ -95,35 +95,35 @@ def predictive(
 
 
 def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = None, rng: Seed) -> xr.Dataset:
-    """Predict the response of new rows by every draw of a posterior.
+    """Posterior predictive distribution of new rows.
 
     Parameters
     ----------
     tree : DataTree
-        Posterior of a regression, by any path. Its errors are those that it records, normal where it records none.
+        Posterior of a regression, with its own error law (default normal).
     new_rows : array_like, shape (n_new, n_terms), or DataFrame
-        The columns of the fitted data, in their order; or a table with them in any order or, for data from a formula,
-        with the variables of the formula. Columns that are not needed are left aside.
+        The columns of the fitted data in their order, or a table with these or the variables of the formula; other
+        columns are ignored.
     data : RegressionData, optional
-        What was fitted; needed for the variables of a formula, which no tree holds.
+        Data of the fit; needed for the variables of a formula.
     rng : int, SeedSequence or Generator
 
     Returns
     -------
     Dataset
-        ``expected`` (dims chain, draw, row), the response without its error; ``response`` (likewise), with an error
-        drawn for each row; ``mean`` and ``sd`` (dims row) of the response over the draws.
+        ``expected`` (dims chain, draw, row), the response without error; ``response`` (likewise), with errors;
+        ``mean`` and ``sd`` (dims row) of the response over the draws.
 
     Raises
     ------
     InferenceError
-        For new rows of another shape, columns that are missing, values that are no finite numbers.
+        For new rows of another shape, missing columns, values that are not finite.
     ValueError
-        For a posterior of something else than the regression of one response, or other data.
+        For a posterior that is no regression of one response, or other data.
 
     Examples
     --------
-    The yaw moment of a ship in rows that were not fitted, and the share of them inside intervals of 90 %:
+    Yaw moment in rows that were not fitted, and the coverage of intervals of 90 %:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
@@ -171,15 +171,14 @@ def with_predictive(
     Parameters
     ----------
     tree : DataTree
-        A posterior by any path, laid out by :func:`~pymc_ship.inference.regression.tree.draws_tree`; it is not changed.
+        Posterior as of :func:`~pymc_ship.inference.regression.tree.draws_tree`; not changed.
     data : RegressionData
-        What it was fitted to.
+        Data of the fit.
     prior : Prior
-        What it was fitted with.
+        Prior of the fit.
     rng : int, SeedSequence or Generator
     draws : int, optional
-        Draws from the prior. Every draw of the posterior makes a prediction, so that ArviZ finds the same chains and
-        draws in all groups of the posterior.
+        Draws of the prior; each draw of the posterior has one prediction.
 
     Returns
     -------

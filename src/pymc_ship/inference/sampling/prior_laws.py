@@ -1,9 +1,6 @@
-"""Priors of coefficients that no formula integrates: horseshoe and R2-D2, as functions for the direct model.
+"""Horseshoe and R2-D2 priors as functions ``prior(data, given)`` for :func:`pymc_ship.pymc_model`.
 
-Each is what a prior of one's own is, a function ``prior(data, given)`` of
-:mod:`pymc_ship.inference.sampling.regression_model`. Both live on the scaled columns; sigma2, the noise variance on the
-scaled response, is a priori inverse gamma of shape 2 and scale 1, as in the default priors of the two conjugate
-families. Other hyperparameters come by ``functools.partial``.
+Both are on the scaled columns; sigma2 of the scaled response ~ IG(2, 1). ``functools.partial`` sets hyperparameters.
 """
 
 from __future__ import annotations
@@ -15,7 +12,7 @@ from pymc_ship.machine.errors import InferenceError
 
 
 def horseshoe(data: RegressionData, given: dict, *, effective: float | None = None, slab: float = 10.0) -> tuple:
-    """Regularised horseshoe: shrinks most coefficients to zero, leaves the rest alone up to a slab.
+    """Regularised horseshoe: shrinks most coefficients towards zero, the others only by a slab.
 
     b_j ~ N(0, tau^2 l_j^2), l_j^2 = c^2 lambda_j^2 / (c^2 + tau^2 lambda_j^2), lambda_j ~ C+(0, 1),
     tau ~ C+(0, tau_0), c^2 ~ IG(2, 2 slab^2 sigma2), tau_0 = p_0 / (p - p_0) sigma / sqrt(n).
@@ -24,12 +21,11 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     ----------
     data : RegressionData
     given : dict
-        What the variable of the coefficients takes besides.
+        Keyword arguments of the variable of the coefficients.
     effective : float, optional
-        p_0, the number of coefficients that are thought to differ from zero, between 0 and the number of terms; half
-        of them by default.
+        p_0, prior guess of the number of nonzero coefficients, in (0, n_terms); default n_terms / 2.
     slab : float, optional
-        Scale of a coefficient that is not shrunk, in units of sigma.
+        Scale of large coefficients, in units of sigma.
 
     Returns
     -------
@@ -39,7 +35,7 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     Raises
     ------
     InferenceError
-        For an effective number that is not between 0 and the number of terms.
+        For ``effective`` outside (0, n_terms).
 
     References
     ----------
@@ -64,7 +60,7 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
 
 
 def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: float = 2.0, share: float = 0.5) -> tuple:
-    """R2-D2: a beta prior of the coefficient of determination, dealt to the coefficients by a Dirichlet.
+    """R2-D2: a beta prior of the coefficient of determination, divided among the coefficients by a Dirichlet.
 
     R2 ~ Beta(mean precision, (1 - mean) precision), phi ~ Dirichlet(share, ...), b_j ~ N(0, sigma2 phi_j R2/(1 - R2)).
 
@@ -72,7 +68,7 @@ def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: flo
     ----------
     data : RegressionData
     given : dict
-        What the variable of the coefficients takes besides.
+        Keyword arguments of the variable of the coefficients.
     mean, precision : float, optional
         Of R2.
     share : float, optional

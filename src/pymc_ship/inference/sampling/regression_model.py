@@ -1,17 +1,7 @@
-"""The PyMC model of a regression and its sampling by NUTS; pymc is imported only when called.
+"""PyMC model of a regression and its sampling by NUTS; pymc is imported when called.
 
-The model is the paper's density, its coefficients by name, one likelihood for each row. NUTS moves in coordinates that
-a plug-in fit makes nearly independent (:class:`~pymc_ship.inference.sampling.linear_transform.LinearTransform`), so
-that nearly collinear columns cost nothing; what the model states is free of them. Under the priors of the package and
-normal errors NUTS draws from the same density in the coordinates of
-:mod:`pymc_ship.inference.sampling.whitened_model`: on the sway and yaw rows of the paper it has 4.5 times as many
-effective draws in a second, and its model is compiled once for all data.
-
-A prior of one's own is a function ``prior(data, given)``, called inside the model. It returns two variables, the scaled
-coefficients and the noise variance on the scaled response, and passes ``**given`` (``dims`` and ``transform``) to the
-variable of the coefficients. A likelihood of one's own is a function
-``errors(name, mu, sigma, given)`` that makes the observed variable ``name`` with ``**given`` (``observed``, ``dims``);
-``mu`` and ``sigma`` are on the scale of the original response.
+NUTS moves in linear coordinates of a plug-in fit or, for normal errors and the package's priors, in those of
+:mod:`pymc_ship.inference.sampling.whitened_model`; the posterior does not depend on them.
 """
 
 from __future__ import annotations
@@ -43,13 +33,13 @@ if TYPE_CHECKING:
 _PLUG_IN_STEPS = 10
 
 NUTS_SAMPLERS = ("nutpie", "pymc", "numpyro", "blackjax")
-"""Programs that draw by NUTS, each where it is installed."""
+"""Names of NUTS samplers."""
 
 _SAMPLE_STATS: dict[str, type] = dict.fromkeys(
     ("lp", "energy", "energy_error", "step_size", "step_size_bar", "acceptance_rate"), float
 )
 _SAMPLE_STATS |= {"tree_depth": np.int64, "n_steps": np.int64, "reached_max_treedepth": bool, "diverging": bool}
-"""Statistics that are kept, by their ArviZ names."""
+"""Sample statistics by ArviZ name, with their types."""
 
 _NUTPIE_NAMES = {"logp": "lp", "depth": "tree_depth", "mean_tree_accept": "acceptance_rate"}
 _NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
@@ -113,7 +103,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
         design = pm.Data("design_matrix", data.design_matrix, dims=("row", "coefficient"))
         response = pm.Data("observed_response", data.response, dims="row")
         given = {"dims": "coefficient", "transform": _coordinates(data, prior, errors)}
-        scaled, variance = prior(data, given) if callable(prior) else _stated(data, prior, given)
+        scaled, variance = prior(data, given) if callable(prior) else _package_prior(data, prior, given)
         coefficients = pm.Deterministic("coefficients", offset + pt.dot(transformation, scaled), dims="coefficient")
         noise_variance = pm.Deterministic("noise_variance", data.response_scale**2 * variance)
         fit, given = pt.dot(design, coefficients), {"observed": response, "dims": "row"}
@@ -124,7 +114,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     return model
 
 
-def _stated(data: RegressionData, prior: Prior, given: dict) -> tuple:
+def _package_prior(data: RegressionData, prior: Prior, given: dict) -> tuple:
     """Scaled coefficients and noise variance under a prior of the package."""
     import pymc as pm
     import pytensor.tensor as pt
@@ -135,7 +125,7 @@ def _stated(data: RegressionData, prior: Prior, given: dict) -> tuple:
 
 
 def _law_parameter(errors: str) -> Any:
-    """Free variable of an error law beside the noise variance; None for normal errors."""
+    """Parameter of an error law besides the noise variance, or None."""
     import pymc as pm
 
     if errors == "student_t":
@@ -144,7 +134,7 @@ def _law_parameter(errors: str) -> Any:
 
 
 def _row_density(errors: str, parameter: Any, moments: tuple, given: dict) -> None:
-    """Likelihood of the rows; that of AR(1) is a product of densities given the row before."""
+    """Likelihood of the rows; for AR(1) each given the row before."""
     import pymc as pm
     import pytensor.tensor as pt
 
@@ -161,11 +151,9 @@ def _row_density(errors: str, parameter: Any, moments: tuple, given: dict) -> No
 
 
 def _coordinates(data: RegressionData, prior: Prior | Callable, errors: str | Callable) -> LinearTransform:
-    """Linear coordinates in which the scaled coefficients are nearly normal and independent, from a plug-in fit.
+    """Linear coordinates in which the scaled coefficients are nearly standard normal, by a plug-in fit.
 
-    The fit is exact for normal errors of a known variance; for others the rows are made nearly normal and independent
-    at a plug-in estimate (weights of a t with 4 degrees of freedom; Prais-Winsten). Were it poor, NUTS would be slower,
-    not biased. For what is one's own it is that of the default prior and normal errors.
+    Non-normal errors are whitened at a plug-in estimate (t weights with 4 degrees of freedom; Prais-Winsten).
     """
     from pymc_ship.inference.sampling.linear_transform import LinearTransform
 
@@ -174,12 +162,12 @@ def _coordinates(data: RegressionData, prior: Prior | Callable, errors: str | Ca
     root, mean = np.sqrt(prior.kappas(data.n_terms)), prior.means(data.n_terms)
     design = data.scaled_design_matrix * root
     target = data.scaled_response - data.scaled_design_matrix @ mean
-    wide, unseen = data.n_terms > data.n_rows, max(0, data.n_terms - data.n_rows)
+    wide, n_missing = data.n_terms > data.n_rows, max(0, data.n_terms - data.n_rows)
     variance = (target @ target + 2.0 * prior.scale) / (data.n_rows + 2.0 * prior.shape)
     whiten = ERRORS["normal"].whiten(target, 1.0)
     for _ in range(_PLUG_IN_STEPS):
         left, s, right = np.linalg.svd(whiten(design), full_matrices=wide)
-        z, s = np.pad(left.T @ whiten(target), (0, unseen)), np.pad(s, (0, unseen))
+        z, s = np.pad(left.T @ whiten(target), (0, n_missing)), np.pad(s, (0, n_missing))
         ratio = variance / prior.variance_factor(variance)
         location = s * z / (ratio + s**2)
         residual = target - design @ (location @ right)
@@ -205,7 +193,7 @@ def nuts_posterior(
     cores: int | None = None,
     progress: bool = False,
 ) -> xr.DataTree:
-    """Draws of the No-U-Turn sampler from the posterior, laid out as a DataTree.
+    """Posterior by the No-U-Turn sampler, as a DataTree.
 
     Parameters
     ----------
@@ -213,29 +201,29 @@ def nuts_posterior(
     prior : Prior or callable
         As :func:`pymc_model`.
     draws : int, optional
-        Draws of each chain that are kept.
+        Draws of each chain after the warm-up.
     chains : int, optional
     tune : int, optional
-        Draws of each chain that adapt step size and mass matrix and are dropped.
+        Warm-up draws of each chain, which adapt step size and mass matrix.
     rng : int, SeedSequence or Generator
-        Gives the integer seed of the sampler, from which the predictive draws are seeded too.
+        Seed of the sampler and of predictive draws.
     errors : {"normal", "student_t", "ar1"} or callable, optional
         See :func:`pymc_model`.
     sampler : {"nutpie", "pymc", "numpyro", "blackjax"}, optional
-        One that is installed; nutpie where it is, else the sampler of PyMC.
+        Installed sampler; default nutpie if installed, else pymc.
     target_accept : float, optional
-        Acceptance rate that the step size is adapted to, between 0 and 1; nearer 1 where draws diverge.
+        Target acceptance rate in (0, 1); closer to 1 against divergences.
     cores : int, optional
-        Chains drawn at the same time; by default all that the machine can for nutpie, 1 for the others.
+        Parallel chains; default all cores for nutpie, 1 for the others.
     progress : bool, optional
-        Whether to show a progress bar; silent otherwise.
+        Whether to show a progress bar.
 
     Returns
     -------
     DataTree
         As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the group sample_stats (dims chain, draw):
         ``lp``, ``energy``, ``energy_error``, ``tree_depth``, ``reached_max_treedepth``, ``n_steps``, ``step_size``,
-        ``step_size_bar``, ``acceptance_rate``, ``diverging``, as far as the sampler tells them; and prior,
+        ``step_size_bar``, ``acceptance_rate``, ``diverging``, as far as the sampler has them; and prior,
         prior_predictive and posterior_predictive as :func:`~pymc_ship.inference.sampling.predictive.with_predictive`.
         For errors that are not normal the posterior also holds ``degrees_of_freedom`` or ``autocorrelation``, and the
         log likelihood of AR(1) is that of a row given those before it. Under a prior or likelihood of your own it is as
@@ -265,7 +253,7 @@ def nuts_posterior(
     0
     """
     rng = random_generator(rng)
-    sampler = _installed(sampler)
+    sampler = _installed_sampler(sampler)
     state, seed = rng_state(rng), int(rng.integers(2**31))
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept, "cores": cores}
     if _is_own(prior) or callable(errors):
@@ -276,8 +264,8 @@ def nuts_posterior(
         check_settings(settings)
         warn_of_uneven_columns(data, prior)
         compiled = whitened_model.compiled(data.n_terms).with_data(**whitened_model.statistics(data, prior))
-        drawn = _sample_nutpie(compiled, settings, seed, progress)
-        sampled = _with_named_statistics(drawn, tune, sampler)
+        sampled = _sample_nutpie(compiled, settings, seed, progress)
+        sampled = _with_named_statistics(sampled, tune, sampler)
     else:
         sampled = sample_model(pymc_model(data, prior, errors), settings, seed, progress, sampler)
     posterior, law = sampled["posterior"].dataset, error_law(errors, data)
@@ -296,23 +284,20 @@ def nuts_posterior(
 
 
 def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sampler: str | None = None) -> xr.DataTree:
-    """Draws of NUTS from a model: groups posterior and sample_stats, the latter by ArviZ names.
-
-    ``settings`` has draws, chains, tune, target_accept and, if wanted, cores.
-    """
-    sampler = _installed(sampler)
+    """Groups posterior and sample_stats of NUTS; ``settings``: draws, chains, tune, target_accept, optional cores."""
+    sampler = _installed_sampler(sampler)
     check_settings(settings)
     if sampler == "nutpie":
         import nutpie
 
-        drawn = _sample_nutpie(nutpie.compile_pymc_model(model), settings, seed, progress)
+        sampled = _sample_nutpie(nutpie.compile_pymc_model(model), settings, seed, progress)
     else:
-        drawn = _sample_pymc(model, sampler, settings, seed, progress)
-    return _with_named_statistics(drawn, settings["tune"], sampler)
+        sampled = _sample_pymc(model, sampler, settings, seed, progress)
+    return _with_named_statistics(sampled, settings["tune"], sampler)
 
 
 def check_settings(settings: dict) -> None:
-    """Refuse draws, chains and tune that are not positive and a target_accept that is no rate."""
+    """Check counts and acceptance rate; ValueError."""
     draws, chains, tune = (settings[name] for name in ("draws", "chains", "tune"))
     if min(draws, chains, tune) < 1:
         raise ValueError(f"Counts of {draws=}, {chains=}, {tune=} must be positive; raise them to 1 or more.")
@@ -321,28 +306,28 @@ def check_settings(settings: dict) -> None:
         raise ValueError(f"An acceptance rate lies between 0 and 1, found {rate}; give one such as 0.9.")
 
 
-def _with_named_statistics(drawn: xr.DataTree, tune: int, sampler: str) -> xr.DataTree:
+def _with_named_statistics(sampled: xr.DataTree, tune: int, sampler: str) -> xr.DataTree:
     attrs = {"tuning_steps": tune, "inference_library": sampler, "inference_library_version": version(sampler)}
-    statistics = nuts_sample_stats(drawn["sample_stats"].dataset, attrs)
-    return xr.DataTree.from_dict({"posterior": drawn["posterior"].to_dataset(), "sample_stats": statistics})
+    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, attrs)
+    return xr.DataTree.from_dict({"posterior": sampled["posterior"].to_dataset(), "sample_stats": statistics})
 
 
 def _is_own(prior: Prior | Callable) -> TypeIs[Callable]:
-    """Whether a prior is a function; InferenceError for what is neither a prior nor a function, such as a name."""
+    """Whether a prior is a function; InferenceError if neither prior nor function."""
     own = callable(prior) and not isinstance(prior, type)
     if not own:
         check_prior(prior, own=" or a function prior(data, given)")
     return own
 
 
-def _installed(sampler: str | None) -> str:
-    """Name of a sampler that is installed."""
+def _installed_sampler(sampler: str | None) -> str:
+    """Name of an installed sampler; ValueError for others."""
     if sampler is None:
         return "nutpie" if find_spec("nutpie") else "pymc"
     check_choice("The NUTS sampler", sampler, NUTS_SAMPLERS)
     if not find_spec(sampler):
         here = ", ".join(name for name in NUTS_SAMPLERS if find_spec(name))
-        raise ValueError(f"The NUTS sampler {sampler} is not installed here; install it, or take one of {here}.")
+        raise ValueError(f"The NUTS sampler {sampler} is not installed; install it, or use one of {here}.")
     return sampler
 
 
@@ -368,10 +353,10 @@ def _sample_pymc(model: pm.Model, sampler: str, settings: dict, seed: int, progr
 
 
 def nuts_sample_stats(raw: xr.Dataset, attrs: dict) -> xr.Dataset:
-    """Statistics that the sampler tells, under their ArviZ names, as plain arrays of bool, int64 or float64."""
+    """Sample statistics by ArviZ name, as arrays of bool, int64 or float64."""
     named = raw.rename({given: name for given, name in _NUTPIE_NAMES.items() if given in raw})
-    kept = {name: kind for name, kind in _SAMPLE_STATS.items() if name in named}
+    types = {name: kind for name, kind in _SAMPLE_STATS.items() if name in named}
     sample = ("chain", "draw")
-    values: dict[str, tuple] = {name: (sample, named[name].to_numpy().astype(kind)) for name, kind in kept.items()}
+    values: dict[str, tuple] = {name: (sample, named[name].to_numpy().astype(kind)) for name, kind in types.items()}
     coords = {dim: np.arange(raw.sizes[dim]) for dim in sample}
     return xr.Dataset(values, coords, attrs)

@@ -1,8 +1,6 @@
-"""The PyMC model whose likelihood is the simulated trajectory, and its sampling by NUTS; pymc is imported when called.
+"""PyMC model of whole trajectories and its sampling by NUTS; pymc is imported when called.
 
-The unknowns are mode + square root times ``direction_coordinate``, with mode and square root of the normal
-approximation: the coordinates are close to independent standard normal a posteriori, so that NUTS needs no mass matrix
-and few steps. They are no more than coordinates: the density is exactly that of prior and records.
+Unknowns are mode + square root times ``direction_coordinate``, by the normal approximation: NUTS needs few steps.
 """
 
 from __future__ import annotations
@@ -38,10 +36,9 @@ def trajectory_model(
     prior: str | CoefficientPrior = "order_damped",
     **settings: Any,
 ) -> pm.Model:
-    """PyMC model of whole trajectories: prior, simulated ship and noise, around the mode that is found first.
+    """PyMC model of whole trajectories: prior, simulated motion and noise, in coordinates about the mode.
 
-    The records are fitted as by :func:`pymc_ship.trajectory_posterior`; the noise of the blocks and the factors tau of
-    the prior are held at that fit.
+    Noise and factors tau of the prior are fixed at the fit of :func:`pymc_ship.trajectory_posterior`.
 
     Parameters
     ----------
@@ -59,9 +56,8 @@ def trajectory_model(
         Free variable ``direction_coordinate`` (dims direction); deterministic ``coefficients`` (dims coefficient),
         ``initial_state`` (dims run, state) and, with offsets, ``sensor_offset`` (dims run, channel), NaN where a run
         has no such state or channel; observed ``response`` (dims row, channel), the block means of the record or, under
-        Student's t noise, what stands for them. Of several runs each has its own: ``response_0`` (dims row_0,
-        channel_0), ``response_1``, ... The log density is that of prior and records; it is minus infinity, with a
-        finite gradient, where the ship leaves the model's range.
+        Student's t noise, pseudo-data. Several runs: ``response_0`` (dims row_0, channel_0), ``response_1``, ... The
+        log density is minus infinity, with a finite gradient, where the simulation diverges.
 
     Raises
     ------
@@ -85,7 +81,10 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
 
     fit, problem = mode.choice.fit, mode.choice.fit.problem
     if not np.isfinite(log_likelihood_rows(fit, fit.unknowns[None])).all():
-        raise FitError("The simulated ship leaves the model's range at the mode; find it anew from the trials.")
+        raise FitError(
+            "A model needs a mode that does not diverge, found that the ship leaves the model's range at the mode; "
+            "repeat the fit."
+        )
     proper = problem.precision > 0.0
     prior_sd = problem.unit[proper] / np.sqrt(problem.precision[proper])
     with pm.Model(coords=_coords(problem)) as model:
@@ -100,7 +99,7 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
                 "log_likelihood_of_other_data",
                 -0.5 * pt.sum((other.response - pt.dot(other.design, coefficients)) ** 2),
             )
-        nuisances = [unknowns[place] for place in problem.nuisances]
+        nuisances = [unknowns[nuisance_slice] for nuisance_slice in problem.nuisances]
         _deterministics(problem, coefficients, nuisances)
         for k, values in enumerate(nuisances):
             _response(problem, k, coefficients, values)
@@ -131,7 +130,7 @@ def _coords(problem: Problem) -> dict:
 
 
 def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: list) -> None:
-    """Name coefficients, initial states and sensor offsets; what a run does not have is NaN."""
+    """Named coefficients, initial states and sensor offsets; NaN where a run has none."""
     import pymc as pm
     import pytensor.tensor as pt
 
@@ -149,7 +148,7 @@ def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: l
 
 
 def _response(problem: Problem, k: int, coefficients: TensorVariable, nuisances: TensorVariable) -> None:
-    """Likelihood of the blocks of a run, each given the one before where the noise is correlated."""
+    """Likelihood of the blocks of a run, with first-order autocorrelation if any."""
     import pymc as pm
     import pytensor.tensor as pt
 
@@ -179,31 +178,28 @@ def trajectory_nuts_posterior(
     rng: Seed,
     **settings: Any,
 ) -> xr.DataTree:
-    """Draws of the No-U-Turn sampler from the posterior of whole trajectories, for where it is not normal.
+    """Posterior of whole trajectories by NUTS, for a Pareto k-hat of :func:`pymc_ship.trajectory_posterior` above 0.7.
 
-    Needed where the Pareto k-hat of :func:`pymc_ship.trajectory_posterior` lies above 0.7. A draw costs about ten
-    simulations with sensitivities. For 400 s of the container ship at 0.02 s (107 unknowns, Euler) the defaults take
-    4 minutes of processor time, spread over the chains, and give an effective sample size above 700.
+    A draw costs about ten simulations with sensitivities.
 
     Parameters
     ----------
     trials, vessel, prior, **settings
         As :func:`trajectory_model`.
     draws : int, optional
-        Draws of each chain that are kept.
+        Draws of each chain after the warm-up.
     chains : int, optional
-        Chains, run side by side on the cores there are.
+        Chains, in parallel.
     tune : int, optional
-        Draws of each chain that adapt step size and mass matrix and are dropped.
+        Warm-up draws of each chain, which adapt step size and mass matrix.
     rng : int, SeedSequence or Generator
         Gives the integer seed of the sampler.
 
     Returns
     -------
     DataTree
-        As :func:`pymc_ship.trajectory_posterior`, but without the attr ``pareto_khat``, with the group sample_stats
-        (dims chain, draw) as :func:`pymc_ship.nuts_posterior`, and with the divergent transitions and the largest R-hat
-        in the attr ``verdict``.
+        As :func:`pymc_ship.trajectory_posterior`, without the attr ``pareto_khat``, with the group sample_stats as
+        :func:`pymc_ship.nuts_posterior`; attr ``verdict`` has the divergent transitions and the largest R-hat.
 
     Raises
     ------
@@ -234,7 +230,7 @@ def mode_nuts_posterior(
     check_settings({"draws": draws, "chains": chains, "tune": tune})
     fit, state, seed = mode.choice.fit, rng_state(rng), int(rng.integers(2**31))
     sampled = nutpie.sample(
-        _compiled(mode), draws=draws, chains=chains, tune=tune, seed=seed, progress_bar=False, save_warmup=False
+        _nutpie_density(mode), draws=draws, chains=chains, tune=tune, seed=seed, progress_bar=False, save_warmup=False
     )
     coordinates = sampled["posterior"]["direction_coordinate"]
     attrs = {"tuning_steps": tune, "inference_library": "nutpie", "inference_library_version": version("nutpie")}
@@ -261,21 +257,21 @@ def mode_nuts_posterior(
 def _verdict(coordinates: xr.DataArray, diverging: xr.DataArray) -> str:
     import arviz as az
 
-    found = f"{int(diverging.sum())} of {diverging.size} transitions of NUTS diverged"
+    divergences = f"{int(diverging.sum())} of {diverging.size} transitions of NUTS diverged"
     if coordinates.sizes["chain"] < 2:
-        return found
-    return f"{found}, the largest R-hat is {float(az.rhat(coordinates).max()):.3f}"
+        return divergences
+    return f"{divergences}, the largest R-hat is {float(az.rhat(coordinates).max()):.3f}"
 
 
-def _compiled(mode: TrajectoryMode) -> Any:
-    """Density of the model for nutpie, one function for each chain; it calls Python, which compiles at once."""
+def _nutpie_density(mode: TrajectoryMode) -> Any:
+    """Log density for nutpie, one function for each chain."""
     from nutpie.compiled_pyfunc import from_pyfunc
 
-    fit, model, one_at_a_time = mode.choice.fit, mode_model(mode), Lock()
+    fit, model, compile_lock = mode.choice.fit, mode_model(mode), Lock()
     n_unknowns = fit.unknowns.size
 
     def log_density() -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
-        with one_at_a_time:
+        with compile_lock:
             function = model.logp_dlogp_function(ravel_inputs=True, mode="FAST_COMPILE")
             function.set_extra_values({})
 
@@ -285,13 +281,13 @@ def _compiled(mode: TrajectoryMode) -> Any:
 
         return value_and_gradient
 
-    def kept(seed1: int, seed2: int, chain: int) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
+    def expand_draw(seed1: int, seed2: int, chain: int) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
         return lambda coordinate: {"direction_coordinate": np.asarray(coordinate)}
 
     return from_pyfunc(
         n_unknowns,
         log_density,
-        kept,
+        expand_draw,
         [np.dtype(float)],
         [(n_unknowns,)],
         ["direction_coordinate"],
@@ -300,7 +296,7 @@ def _compiled(mode: TrajectoryMode) -> Any:
 
 
 def _start(fit: TrajectoryFit, rng: np.random.Generator) -> np.ndarray:
-    """Coordinates drawn from the normal approximation, nearer to the mode where the ship diverges."""
+    """Random start from the normal approximation, moved towards the mode while it diverges."""
     coordinate = rng.standard_normal(fit.unknowns.size)
     while not np.isfinite(log_likelihood_rows(fit, (fit.unknowns + fit.square_root @ coordinate)[None])).all():
         coordinate *= 0.5

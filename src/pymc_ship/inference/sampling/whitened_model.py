@@ -1,11 +1,7 @@
-"""Quick path of NUTS for normal errors: the density of the paper in whitened coordinates; pymc is imported when called.
+"""Model of normal errors in whitened coordinates for NUTS, O(n_terms) per evaluation.
 
-NUTS finds the coordinates isotropic, and an evaluation costs O(n_terms), whatever the rows. With
-X diag(kappa)^(1/2) = U S R' the data speak of the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) only
-through z = U' (y - X mean), and of the noise also through the square of y - X mean - U z. Given the noise variance,
-prior times likelihood gives g a centre and a spread; the coordinates are (g - centre) / spread. They are no more than
-coordinates: were centre and spread wrong, NUTS would be slower, not biased. Errors that are not normal have no such
-summary; NUTS draws them from the model that users change (:mod:`pymc_ship.inference.sampling.regression_model`).
+X diag(kappa)^(1/2) = U S R'; coordinates (g - center) / spread of g = R' diag(kappa)^(-1/2) (b - mean), with center and
+spread of g given sigma2. Sufficient statistics: z = U' (y - X mean) and the residual sum of squares.
 """
 
 from __future__ import annotations
@@ -26,7 +22,7 @@ if TYPE_CHECKING:
 
 @lru_cache(maxsize=16)
 def compiled(n_terms: int) -> Any:
-    """Whitened model compiled by nutpie for placeholder data; :func:`statistics` enter by ``with_data``."""
+    """Compiled whitened model with placeholder data; ``with_data`` sets :func:`statistics`."""
     import nutpie
 
     placeholder = RegressionData.from_arrays(np.eye(n_terms), np.ones(n_terms))
@@ -42,10 +38,10 @@ def _noise_coordinate(shape: Any, scale: Any, level: Any, width: Any, size: Any)
 
 
 class Summary(NamedTuple):
-    """Scalars that the whitened model knows of data and prior.
+    """Scalars of data and prior of the whitened model.
 
-    The noise variance is a priori inverse gamma of ``shape`` and ``scale``, and its power ``power`` is the prior
-    variance of the rotated coefficients; ``level`` and ``width`` standardise its logarithm.
+    sigma2 ~ IG(``shape``, ``scale``); ``power`` of sigma2 in the prior variance of g; ``level`` and ``width``
+    standardise log sigma2.
     """
 
     shape: float
@@ -59,7 +55,7 @@ class Summary(NamedTuple):
 
 
 def whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
-    """Model of prior and likelihood, which knows the rows by their projections and the square of the rest."""
+    """PyMC model of prior and likelihood in whitened coordinates."""
     import pymc as pm
     import pytensor.tensor as pt
 
@@ -75,13 +71,13 @@ def whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
         dims["basis"] = ("coefficient", "basis_column")
         values = statistics(data, prior)
         values = {name: pm.Data(name, value, dims=dims[name]) for name, value in values.items()}
-        known, basis = Summary(*(values["summary"][k] for k in range(len(Summary._fields)))), values["basis"]
+        summary, basis = Summary(*(values["summary"][k] for k in range(len(Summary._fields)))), values["basis"]
         singular_values, projection = values["singular_values"], values["projection"]
 
-        noise = (known.shape, known.scale, known.level, known.width)
+        noise = (summary.shape, summary.scale, summary.level, summary.width)
         coordinate = pm.CustomDist("noise_coordinate", *noise, dist=_noise_coordinate, initval=0.0)
-        variance = pt.exp(known.level + known.width * coordinate)
-        prior_variance = variance**known.power
+        variance = pt.exp(summary.level + summary.width * coordinate)
+        prior_variance = variance**summary.power
         spread = 1.0 / pt.sqrt(1.0 / prior_variance + singular_values**2 / variance)
         center = spread**2 * singular_values * projection / variance
         direction_coordinate = pm.Normal(
@@ -95,16 +91,16 @@ def whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
         # Directions that no row sees have singular value and projection 0; they are taken off again by the rest, whose
         # count of rows may be negative. So one model serves more rows than terms and fewer.
         pm.Normal("projection_density", mu=singular_values * rotated, sigma=pt.sqrt(variance), observed=projection)
-        rest = (known.n_rows - n_terms) * pt.log(2.0 * math.pi * variance) + known.residual_square / variance
-        pm.Potential("rest_density", -0.5 * rest - known.n_rows * pt.log(known.response_scale))
+        rest = (summary.n_rows - n_terms) * pt.log(2.0 * math.pi * variance) + summary.residual_square / variance
+        pm.Potential("rest_density", -0.5 * rest - summary.n_rows * pt.log(summary.response_scale))
         # a product summed by row: the same as a matrix product here, and 2 s faster to compile
         pm.Deterministic("coefficients", basis[:, -1] + (basis[:, :-1] * rotated).sum(axis=1), dims="coefficient")
-        pm.Deterministic("noise_variance", known.response_scale**2 * variance)
+        pm.Deterministic("noise_variance", summary.response_scale**2 * variance)
     return model
 
 
 def statistics(data: RegressionData, prior: Prior) -> dict[str, np.ndarray]:
-    """What the model knows of data and prior, by the names of its pm.Data; ``basis`` ends with the prior mean of b."""
+    """Data of the model by name of its pm.Data; the last column of ``basis`` is the prior mean."""
     rotation = rotate(data, prior)
     level, width = _noise_level(prior, rotation, data.n_rows)
     summary = Summary(
@@ -127,7 +123,7 @@ def statistics(data: RegressionData, prior: Prior) -> dict[str, np.ndarray]:
 
 
 def _noise_level(prior: Prior, rotation: Rotation, n_rows: int) -> tuple[float, float]:
-    """Mode of the log noise variance, coefficients integrated out, and about its standard deviation."""
+    """Mode and approximate sd of the marginal posterior of log sigma2."""
     from scipy.optimize import brentq
 
     s, z = rotation.singular_values, rotation.projection
@@ -139,8 +135,8 @@ def _noise_level(prior: Prior, rotation: Rotation, n_rows: int) -> tuple[float, 
         factor = prior.variance_factor(variance)
         ratio = variance / factor
         marginal = factor * (ratio + s**2)
-        share = power + (1.0 - power) * ratio / (ratio + s**2)
-        return prior.shape + excess - rate / variance + 0.5 * np.sum(share * (1.0 - z**2 / marginal))
+        weight = power + (1.0 - power) * ratio / (ratio + s**2)
+        return prior.shape + excess - rate / variance + 0.5 * np.sum(weight * (1.0 - z**2 / marginal))
 
     low = math.log(rate / (prior.shape + 0.5 * n_rows)) - 1.0
     high = math.log((rate + 0.5 * np.sum(z**2)) / (prior.shape + max(excess, 0.0))) + 1.0
