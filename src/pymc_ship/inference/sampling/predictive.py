@@ -132,8 +132,8 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     >>> old, new = data.rows(np.arange(100)), data.rows(np.arange(100, data.n_rows))
     >>> prior, _ = ps.maximise_evidence(old)
     >>> tree = ps.exact_posterior(old, prior, rng=1)
-    >>> found = ps.predict(tree, new.design_matrix, rng=1)
-    >>> lower, upper = found["response"].quantile([0.05, 0.95], ("chain", "draw"))
+    >>> predicted = ps.predict(tree, new.design_matrix, rng=1)
+    >>> lower, upper = predicted["response"].quantile([0.05, 0.95], ("chain", "draw"))
     >>> print(f"{np.mean((lower < new.response) & (new.response < upper)):.2f}")
     1.00
     """
@@ -152,10 +152,10 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
         )
     design_matrix = new_design(new_rows, names, None if data is None else data.formula)
     rows = RegressionData.from_arrays(design_matrix, np.zeros(len(design_matrix)), names)
-    found = predictive(rows, posterior, rng=rng, errors=errors_of(tree))
-    expected = found["response"].copy(data=posterior["coefficients"].to_numpy() @ design_matrix.T)
+    predicted = predictive(rows, posterior, rng=rng, errors=errors_of(tree))
+    expected = predicted["response"].copy(data=posterior["coefficients"].to_numpy() @ design_matrix.T)
     sample = ("chain", "draw")
-    return found.assign(expected=expected, mean=expected.mean(sample), sd=found["response"].std(sample))
+    return predicted.assign(expected=expected, mean=expected.mean(sample), sd=predicted["response"].std(sample))
 
 
 def with_predictive(
