@@ -40,7 +40,7 @@ TABLES = {
     "priors": (2 * 4 * 4, {"family", "dof", "choice", "shape", "scale", "kappa", "score", "score_se", "log_evidence"}),
     "prior_ships": (
         2 * (2 * 4 + 1),
-        {"family", "choice", "manoeuvre", "diverged", "wrong_way", "course_unstable", "sailed", "index", "reached"},
+        {"family", "choice", "manoeuvre", "diverged", "wrong_way", "course_unstable", "complete", "index", "reached"},
     ),
     "printed_errors": (4, {"dof", "printed", "fit_own", "fit_other"}),
     "full_conditional": (4, {"dof", "mcmc", "mcse", "z_marginal", "z_full_conditional"}),

@@ -25,7 +25,7 @@ def test_what_draws_of_the_record_do_is_said_by_derivative():
 
 def test_ships_of_priors_and_of_posteriors_are_told_apart():
     numbers = [("chosen", 92.0, 0.5), ("published", 100.0, 0.0), ("posterior", 0.0, 80.0), ("posterior", 58.5, 33.0)]
-    rows = [{"choice": choice, "diverged": away, "sailed": sailed} for choice, away, sailed in numbers]
+    rows = [{"choice": choice, "diverged": away, "complete": complete} for choice, away, complete in numbers]
     said = findings._prior_ships(SimpleNamespace(tables={"prior_ships": rows}))["text"]
     assert "the priors 92 to 100 % diverge" in said
     assert "at most 0.5 % neither diverge" in said

@@ -95,7 +95,7 @@ def test_a_prior_has_its_own_generator(container, found, trial):
 
 def test_the_table_shows_shares_and_bands():
     """A prior of which no ship reaches the index has a dash."""
-    shares = {"diverged": 100.0, "wrong_way": 0.0, "course_unstable": 50.0, "sailed": 0.0, "reached": 0.0}
+    shares = {"diverged": 100.0, "wrong_way": 0.0, "course_unstable": 50.0, "complete": 0.0, "reached": 0.0}
     row = {"family": "conjugate", "choice": "chosen", "manoeuvre": "turning circle 35 port", "index": "advance"}
     row |= {"unit": "L", "lower": np.nan, "median": np.nan, "upper": np.nan, **shares}
     other = row | {"lower": 4.0, "median": 5.0, "upper": 6.0, "reached": 80.0}

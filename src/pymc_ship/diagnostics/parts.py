@@ -222,7 +222,7 @@ def ships_part(
             label = f"{name.replace('_', ' ')} [{one['prior']['unit']}]"
             bands.append({"index": label, "manoeuvre": manoeuvre.label} | _band_cells(one))
             drawn.append((f"{label}\n{manoeuvre.label}", one))
-    fixed_dofs = both["prior"].attrs["held"].split()
+    fixed_dofs = both["prior"].attrs["fixed_dofs"].split()
     fixed_text = f" {', '.join(fixed_dofs).capitalize()} keep the reference values of the vessel." if fixed_dofs else ""
     text = (
         f"One ship for each of {SHIPS} draws. Course-unstable: a small disturbance of the straight course grows. Wrong "

@@ -26,7 +26,7 @@ ENDS = heads(
     diverged="diverged %",
     wrong_way="wrong way %",
     course_unstable="course-unstable %",
-    sailed="none of these %",
+    complete="none of these %",
 )
 """Columns of the shares of ships by how they end."""
 

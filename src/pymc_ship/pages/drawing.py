@@ -1,4 +1,4 @@
-"""Figures of the study: trials, posteriors and forecasts -> matplotlib figures -> SVG or PNG. Fits nothing."""
+"""Style of matplotlib figures, and their SVG and PNG."""
 
 from __future__ import annotations
 
@@ -26,26 +26,25 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "pymc_ship",
     "axes.titlesize": 9.5,
 }
-"""Matplotlib settings of every figure; the salt makes the same figure the same file."""
+"""Matplotlib settings of every figure; the salt makes the SVG reproducible."""
 
 REFERENCE, NOISE = "#1b1b1b", "#b9c0c8"
 BLUE, RUST = "#1f6fb2", "#c8551b"
-"""The two colours of most figures: what is told first, and what stands against it."""
-
+"""The first and second colour of most figures."""
 
 BESIDE_DPI, EMBEDDED_DPI = 110, 150
-"""Resolution of the PNG files beside a page and of the PNG images inside it [dots per inch]."""
+"""Resolution of PNG files and of PNG images inside a page [dots per inch]."""
 
 
 def house_style[**P, Drawn](draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Draw in the house style."""
 
     @wraps(draw)
-    def drawn(*arguments: P.args, **settings: P.kwargs) -> Drawn:
+    def styled(*arguments: P.args, **settings: P.kwargs) -> Drawn:
         with matplotlib.rc_context(STYLE):
             return draw(*arguments, **settings)
 
-    return drawn
+    return styled
 
 
 def subplots(
@@ -57,7 +56,7 @@ def subplots(
 
 
 def _lay_out(fig: Figure) -> None:
-    """Lay a figure out once, because the constrained layout would move its axes a little at every draw."""
+    """Lay a figure out once: the constrained layout moves its axes at every draw."""
     if fig.get_layout_engine() is not None:
         fig.draw_without_rendering()
         fig.set_layout_engine("none")
@@ -65,7 +64,7 @@ def _lay_out(fig: Figure) -> None:
 
 @house_style
 def svg(fig: Figure, name: str) -> str:
-    """Figure as SVG text, the same for the same figure; its ids begin with the name, so figures share a page."""
+    """Figure as reproducible SVG text; its ids begin with the name."""
     _lay_out(fig)
     buffer = io.StringIO()
     fig.savefig(buffer, format="svg", metadata={"Date": None})
@@ -75,7 +74,7 @@ def svg(fig: Figure, name: str) -> str:
 
 @house_style
 def png(fig: Figure, dpi: int) -> bytes:
-    """Figure as PNG bytes of so many dots per inch."""
+    """Figure as PNG bytes at a resolution [dots per inch]."""
     _lay_out(fig)
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})

@@ -1,4 +1,4 @@
-"""The one writer of pages: a template and its content become a page, with figures and tables beside it."""
+"""The writer of pages: template and content become a page with figures and tables."""
 
 from __future__ import annotations
 
@@ -19,22 +19,20 @@ from pymc_ship.pages import drawing
 
 @dataclass(frozen=True)
 class Page:
-    """What stays the same of a page, whatever it shows.
+    """Template and settings of a kind of page.
 
     Attributes
     ----------
     file : str
         Name of the page in its folder.
     template : Path
-        Jinja template, which may extend ``_layout.html.j2``, import from ``_page.html.j2`` and use any template beside
-        itself.
+        Jinja template; ``_layout.html.j2``, ``_page.html.j2`` and templates of its folder can be used.
     own : tuple of str
-        Patterns of the files beside the page that are its own, such as ``figures/*.png``. Own files of an earlier page
-        are removed where the new page does not write them; all other files stay.
+        Patterns of the page's files, such as ``figures/*.png``; those of an earlier page are removed, others stay.
     packages : tuple of str
         Packages whose versions the page states.
     digits : int, optional
-        Significant digits of the numbers in the CSV files; None writes numbers in full.
+        Significant digits of numbers in CSV files; None for all.
     tables : str
         Folder of the CSV files within the folder of the page.
     """
@@ -49,22 +47,21 @@ class Page:
 
 @dataclass(frozen=True)
 class Content:
-    """What one page shows.
+    """Content of one page.
 
     Attributes
     ----------
     values : mapping of str to object
-        By the names that the template uses; a name that is not given is an error, text is escaped. The template finds
-        ``figures``, ``versions`` and ``sources`` beside them.
+        By the names in the template, which also has ``figures``, ``versions`` and ``sources``; text is escaped.
     figures : mapping of str to Figure or str
-        By name. A Figure stands in the page as SVG and beside it as PNG. A text, from :func:`drawing.svg` or
-        :func:`drawing.html_image`, is an image that stands in the page alone.
+        By name. A Figure is SVG in the page and a PNG file; a text from :func:`drawing.svg` or
+        :func:`drawing.html_image` is in the page alone.
     rows : mapping of str to sequence of mapping
-        Tables written as CSV, by name; a table without rows is not written.
+        Tables for CSV files, by name; empty ones are not written.
     files : mapping of str to callable
-        Functions that write other files, by the place of the file in the folder; each takes the path to write to.
+        Writers of other files, by path in the folder; each takes the path to write to.
     sources : sequence of str
-        Works that the page rests on.
+        References.
     """
 
     values: Mapping[str, object]
@@ -75,7 +72,7 @@ class Content:
 
 
 def write_page(page: Page, out: str | Path, content: Content) -> Path:
-    """Write a page with its figures and tables; an exception leaves the folder as it was.
+    """Write a page with its figures and tables; after an exception the folder is unchanged.
 
     Parameters
     ----------
@@ -87,8 +84,7 @@ def write_page(page: Page, out: str | Path, content: Content) -> Path:
     Returns
     -------
     Path
-        The page, ``out/FILE``, which is moved into place last, after ``out/figures/*.png``, ``out/tables/*.csv`` and
-        other files.
+        ``out/FILE``, written after the other files.
 
     Raises
     ------
@@ -105,7 +101,7 @@ def write_page(page: Page, out: str | Path, content: Content) -> Path:
 
 
 def render_page(page: Page, content: Content) -> str:
-    """Text of a page: a function of its content alone, so that the same content gives the same page."""
+    """Text of a page, the same for the same content."""
     images = {
         name: drawing.svg(figure, name) if isinstance(figure, Figure) else figure
         for name, figure in content.figures.items()
@@ -123,7 +119,7 @@ def render_page(page: Page, content: Content) -> str:
 
 
 def _files(page: Page, content: Content, text: str) -> dict[str, Callable[[Path], object]]:
-    """Functions that write every file of a page, by its place in the folder."""
+    """Writers of every file of a page, by path in the folder."""
     figures = {
         f"figures/{name}.png": partial(_write_png, figure)
         for name, figure in content.figures.items()
@@ -142,13 +138,13 @@ def _write_png(figure: Figure, path: Path) -> None:
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: Path, *, digits: int | None) -> None:
-    """Write rows as CSV, under the keys of all of them."""
+    """Write rows as CSV with the keys of all rows."""
     keys = list(dict.fromkeys(key for row in rows for key in row))
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, keys, lineterminator="\n")
         writer.writeheader()
-        writer.writerows({key: _rounded(value, digits) for key, value in row.items()} for row in rows)
+        writer.writerows({key: _round(value, digits) for key, value in row.items()} for row in rows)
 
 
-def _rounded(value: object, digits: int | None) -> object:
+def _round(value: object, digits: int | None) -> object:
     return float(f"{value:.{digits}g}") if digits is not None and isinstance(value, float) else value

@@ -1,4 +1,4 @@
-"""Numbers formatted as text and as the cells of tables."""
+"""Numbers as text and as cells of tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Columns = dict[str, tuple[str, Callable[[Any], str]]]
 
 @dataclass(frozen=True)
 class Table:
-    """Heads, whether each column is numeric, and formatted cells of one table of the page."""
+    """Heads, numeric columns and formatted cells of a table."""
 
     heads: list[str]
     numeric: list[bool]
@@ -22,9 +22,9 @@ class Table:
 
 
 def number(digits: int = 3) -> Callable[[Any], str]:
-    """Formatter of a number to so many significant digits; a dash for NaN."""
+    """Formatter with significant digits; a dash for NaN."""
 
-    def formatted(value: Any) -> str:
+    def formatter(value: Any) -> str:
         if not isinstance(value, int | float | np.number):
             return str(value)
         if not np.isfinite(value):
@@ -35,28 +35,28 @@ def number(digits: int = 3) -> Callable[[Any], str]:
         mantissa, *exponent = text.split("e")
         return "e".join([mantissa.replace("-", "−"), *(str(int(power)) for power in exponent)])
 
-    return formatted
+    return formatter
 
 
 def fixed_point(decimals: int) -> Callable[[Any], str]:
-    """Formatter of a number to so many decimals; a dash for NaN."""
+    """Formatter with decimals; a dash for NaN."""
 
-    def formatted(value: object) -> str:
+    def formatter(value: object) -> str:
         if not isinstance(value, int | float | np.number) or not np.isfinite(value):
             return "–" if isinstance(value, float | np.floating) else str(value)
         rounded = round(float(value), decimals) + 0.0
         return f"{rounded:.{decimals}f}".replace("-", "−")
 
-    return formatted
+    return formatter
 
 
-def percent(share: float) -> str:
-    """A share of 1 in percent, in as few digits as it has."""
-    return f"{100.0 * share:g} %"
+def percent(fraction: float) -> str:
+    """A fraction in percent, with the digits it has."""
+    return f"{100.0 * fraction:g} %"
 
 
 def rounded_percent(fraction: float) -> str:
-    """A fraction in percent with two significant digits, never in exponent notation."""
+    """A fraction in percent with two significant digits."""
     return f"{float(f'{100.0 * fraction:.2g}'):g} %"
 
 

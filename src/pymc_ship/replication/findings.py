@@ -244,7 +244,7 @@ def _prior_ships(result: StudyResult) -> dict:
     before = [row for row in result.tables["prior_ships"] if row["choice"] != POSTERIOR]
     text = (
         f"Of the ships drawn from the priors {_range(before, 'diverged')} % diverge in a standard manoeuvre, and at most "
-        f"{_n(max(row['sailed'] for row in before))} % neither diverge nor turn the wrong way nor are course-unstable "
+        f"{_n(max(row['complete'] for row in before))} % neither diverge nor turn the wrong way nor are course-unstable "
         f"(section 4). Of the ships drawn from the posteriors {_range(after, 'diverged')} % diverge within 40 L/U; the "
         "forecasts of section 7 end earlier, so fewer diverge there."
     )

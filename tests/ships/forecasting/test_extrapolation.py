@@ -104,7 +104,8 @@ def test_a_combination_the_record_lacks_is_outside_though_each_quantity_keeps_to
     np.testing.assert_allclose(found["distance"], 0.4 / np.sqrt(2.0), rtol=1e-9)
     np.testing.assert_allclose(found[["below", "above"]].to_array(), 0.0, atol=1e-12)
     assert sentence(container, found).endswith(
-        "combinations of quantities that each keep to their range in the median ship. A run that goes there would tell."
+        "combinations of quantities, each within its range in the median ship. A run with such motion would reduce "
+        "the uncertainty."
     )
 
 
@@ -178,7 +179,7 @@ def test_the_sentence_names_what_leaves_its_range_and_both_ends(container):
     reached = np.rad2deg(beyond[5])
     expected = f"rudder angle falls to {reached:.3g} deg, the record goes down to {least:.3g} deg."
     outside = "100 % of the instants lie outside the motion of the record, typically by 1 times the span that it covers"
-    assert rudder == f"{outside}: {expected} A run that goes there would tell."
+    assert rudder == f"{outside}: {expected} A run with such motion would reduce the uncertainty."
 
 
 def test_the_sentence_on_what_stays_inside(container):

@@ -201,7 +201,7 @@ def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(con
     assert float(zigzag["extrapolation"]["distance"].max()) < 0.01
     assert "speed falls to" in turn.attrs["extrapolation"]
     assert "speed falls to" not in zigzag.attrs["extrapolation"]
-    assert draws_and_shares(turn).startswith("60 ships, 0 % diverged, 9")
+    assert draws_and_shares(turn).startswith("60 draws, 0 % diverged, 9")
     assert turn["extrapolation"]["share_outside"].dims == ("time",)
     assert turn["extrapolation"]["above"].dims == ("symbol",)
 
@@ -237,7 +237,7 @@ def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_t
         assert "extrapolation" not in found.children
         assert np.isnan(found.attrs["share_extrapolated"])
         assert found.attrs["extrapolation"].startswith("Extrapolation is unknown: ")
-        assert draws_and_shares(found) == "4 ships, 0 % diverged"
+        assert draws_and_shares(found) == "4 draws, 0 % diverged"
     for posteriors in (held, {"sway": held, "yaw": held}):
         xr.testing.assert_identical(fitted_motion(posteriors), held["constant_data"]["motion"])
         found = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)

@@ -117,8 +117,8 @@ def test_every_manoeuvre_has_its_numbers_shares_and_figures(page):
     for name in sections:
         for kind in ("track", "heading_and_rudder", "motion"):
             assert text.count(f'<figure id="{name}_{kind}"><svg') == 1
-    assert "24 ships, 25 % diverged. 60 % of the instants lie outside." in sections["forecast_turning_circle_35_port"]
-    assert "24 ships, 0 % diverged. Extrapolation is unknown" in sections["forecast_zigzag_10_10_port"]
+    assert "24 draws, 25 % diverged. 60 % of the instants lie outside." in sections["forecast_turning_circle_35_port"]
+    assert "24 draws, 0 % diverged. Extrapolation is unknown" in sections["forecast_zigzag_10_10_port"]
     tree = forecasts()["turning circle 35 port"]
     lower, median, upper = (f"{float(value) / L:.2f}" for value in tree["index_bands"]["tactical_diameter"])
     rows = {row[0]: row for row in cells(sections["forecast_turning_circle_35_port"])}
@@ -224,7 +224,7 @@ def test_a_ship_without_roll_has_no_roll_angle():
 def test_events_that_some_ships_do_not_reach_are_counted():
     tree = forecast(vessel(), MANOEUVRES["port"][0], 150.0)
     shown = index_table(index_rows(tree, vessel()), 0.95)
-    assert shown.heads[-1] == "reached by % of the ships"
+    assert shown.heads[-1] == "reached by % of the draws"
     by_index = {line[0]: line for line in shown.cells}
     assert by_index["tactical diameter"][2:] == ["–", "–", "0"]
     assert by_index["advance"][-1] == "100"
@@ -252,7 +252,7 @@ def test_the_same_page_twice_and_files_of_an_earlier_page_go(tmp_path):
     assert (tmp_path / "figures" / "identification.png").read_bytes() == b"kept"
     text = first.decode()
     assert "No criterion of IMO MSC.137(76) applies" in text
-    assert "the uncertainty of the coefficients alone" in text
+    assert "the uncertainty of the coefficients, not that of the model" in text
     assert '<figure id="forecast_forces"><svg' in text
     assert "<table>" not in text
 

@@ -48,16 +48,16 @@ def test_each_ship_ends_as_she_was_made(container, manoeuvre):
     found = ships(container, drawn(container, rows), manoeuvre, draws=4)
     order = [int(np.flatnonzero((found["coefficients"].values == row).all(axis=1))[0]) for row in rows]
     ended = found.isel(draw=order)
-    assert ended["status"].values.tolist() == ["sailed", "wrong way", "course-unstable", "diverged"]
+    assert ended["status"].values.tolist() == ["complete", "wrong way", "course-unstable", "diverged"]
     assert ended["wrong_way"].values.tolist()[:3] == [False, True, False]
     assert ended["course_unstable"].values.tolist() == [False, False, True, False]
     assert ended["diverged"].values.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(ended["growth_rate"] > 0.0, ended["course_unstable"])
-    shares = {name: found.attrs[f"share_{name}"] for name in ("diverged", "wrong_way", "course_unstable", "sailed")}
+    shares = {name: found.attrs[f"share_{name}"] for name in ("diverged", "wrong_way", "course_unstable", "complete")}
     assert shares == dict.fromkeys(shares, 0.25)
     assert found.attrs["summary"] == (
-        f"Of 4 ships of the prior in a {manoeuvre.label}: 25 % run away, 25 % turn the wrong way, 25 % are "
-        "course-unstable straight ahead; 25 % do none of this."
+        f"Of 4 draws of the prior in a {manoeuvre.label}: 25 % diverge, 25 % turn the wrong way, 25 % are "
+        "course-unstable; 25 % do none of this."
     )
 
 
@@ -107,7 +107,7 @@ def test_a_prior_of_coefficients_is_drawn_with_its_mean_and_scale(container, zig
     assert np.abs(score.std(axis=0) - 1.0).max() < 4.5 / np.sqrt(8000)
     found = ships(container, prior, draws=20, duration=100.0, seed=3)
     np.testing.assert_array_equal(found["coefficients"], prior.draw(20, np.random.default_rng(3)))
-    assert found.attrs["held"] == ""
+    assert found.attrs["fixed_dofs"] == ""
 
 
 def test_regression_priors_are_drawn_on_the_columns_of_their_data(container, zigzag_trial):
@@ -119,7 +119,7 @@ def test_regression_priors_are_drawn_on_the_columns_of_their_data(container, zig
     np.testing.assert_array_equal(np.sort(sway, axis=0), np.sort(expected, axis=0))
     held = found["coefficients"].sel(coefficient=container.coefficients("roll")["coefficient"].values)
     np.testing.assert_array_equal(held, np.tile(container.coefficients("roll").values, (50, 1)))
-    assert found.attrs["held"] == "surge roll"
+    assert found.attrs["fixed_dofs"] == "surge roll"
     assert "in a zigzag 10/10 port, surge, roll at reference values: " in found.attrs["summary"]
 
 

@@ -78,7 +78,7 @@ def test_a_ship_without_balance_is_said():
     vessel = ps.load_vessel("kvlcc2")
     lost = turns_of(vessel, np.full((1, reference_coefficients(vessel).size), np.nan))
     assert np.isnan(spiral_indices(lost)["loop_width"]).all()
-    assert spiral_sentence(lost).startswith("No drawn ship is in balance")
+    assert spiral_sentence(lost).startswith("No draw has a steady straight course")
 
 
 def test_limits_of_the_loop():
@@ -110,7 +110,7 @@ def test_a_curve_of_ships_without_steady_turns_is_empty(kvlcc2):
     ax = spiral_curve(turns).axes[0]
     assert ax.get_legend_handles_labels()[1] == []
     assert ax.get_legend() is None
-    assert "nothing is said of her stability" in spiral_sentence(turns)
+    assert "its course stability is unknown" in spiral_sentence(turns)
 
 
 def test_models_are_pooled(kvlcc2):

@@ -110,7 +110,7 @@ def test_a_ship_that_does_not_stop_counts_against_her(tanker):
     assert np.isfinite(found["track_reach"].values).tolist() == [True, False]
     assert "with probability 0.50" in stopping_sentence(found)
     assert stopping_sentence(found).endswith("50 % of the draws do not stop.")
-    assert stopping_sentence(found.isel(draw=[1])) == "No drawn ship stops with 1 1/s astern."
+    assert stopping_sentence(found.isel(draw=[1])) == "No draw stops with 1 1/s astern."
 
 
 def test_the_figure_has_tracks_and_speeds(drawn):

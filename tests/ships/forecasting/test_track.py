@@ -163,7 +163,7 @@ class TestTrack:
     def test_a_trial_without_a_track_leaves_the_forecast_alone(self):
         vessel, tree, _, measured = case("port")
         fig = track(tree, vessel, measured.drop_vars("x"))
-        assert legend(fig) == ["forecast ships", "median ship", "90° of heading", "180° of heading"]
+        assert legend(fig) == ["forecast draws", "median ship", "90° of heading", "180° of heading"]
         assert not any("measured" in text.get_text() for text in fig.axes[0].texts)
 
     def test_a_turn_that_does_not_reach_180_deg_has_no_diameter(self):

@@ -85,7 +85,7 @@ test_simulation_errors = wording(
 test_value_errors = wording(
     ValueError,
     (
-        "two or more, found 1; raise",
+        "two draws or more, found 1; raise",
         lambda container, zigzag_trial: ships(container, flat(container, zigzag_trial), draws=1),
     ),
     *(
@@ -103,7 +103,7 @@ test_value_errors = wording(
         lambda container: force_curves([(container, np.zeros((3, 5)))]),
     ),
     (
-        "at least one, found none",
+        "at least one forecast, found none",
         lambda container, tmp_path: write_forecast_page(container, {}, tmp_path, command=""),
     ),
     (

@@ -27,7 +27,7 @@ def found(tests):
 def test_the_ship_has_used_them_and_the_identification_has_them(found, tests):
     assert found.ship.uses_captive_tests
     assert found.captive is tests
-    assert any("41 captive tests stand beside the prior of every term set" in line for line in found.ship.remarks)
+    assert any("41 captive tests are part of the likelihood of every term set" in line for line in found.ship.remarks)
 
 
 def test_what_was_identified_is_nearer_to_them_than_the_prior_alone(found):

@@ -85,7 +85,7 @@ def test_what_earlier_runs_showed_counts_on(first, second):
     assert second.ship.likelihoods[TRUE_TERMS].log_density.size == 2 * SPLIT
     assert second.ship.motion.sizes["row"] > first.ship.motion.sizes["row"]
     assert second.candidates[0].discrepancy_scales[0] < 0.05
-    assert any("Earlier runs stand beside the prior" in remark for remark in second.ship.remarks)
+    assert any("The likelihood of earlier runs is included" in remark for remark in second.ship.remarks)
     assert second.ship.prior == first.ship.prior
 
 
@@ -171,7 +171,8 @@ def test_another_facility_may_differ_in_what_is_its_own(known_hull):
     shared, own = found.candidates[0].discrepancy_scales
     assert own > max(0.2, 3.0 * shared)
     assert any(
-        "may belong to the facility (n_0, w0, dC2, Y_P, N_P, dgamma_R)" in remark for remark in found.ship.remarks
+        "that of the facility's coefficients (n_0, w0, dC2, Y_P, N_P, dgamma_R)" in remark
+        for remark in found.ship.remarks
     )
     runs = [run.assign_attrs(facility="basin") for run in runs]
     twin = ps.identify_ship(runs, vessel, prior=known_hull, draws=40, rng=1)
@@ -189,7 +190,7 @@ def test_another_draught_keeps_the_distance_from_what_is_typical(known_hull, mon
     sd = np.array([np.sqrt(fit.covariance[names.index(name), names.index(name)]) for name in HULL])
     assert np.abs(away / sd).max() < 3.5
     assert found.candidates[0].discrepancy_scales[0] < 0.3
-    assert any("sailed at another draught" in remark for remark in found.ship.remarks)
+    assert any("earlier runs were at another draught" in remark for remark in found.ship.remarks)
     monkeypatch.setattr(EarlierLikelihood, "at_draught", lambda self, *_: self)
     assert (
         ps.identify_ship(runs[:1], vessel, prior=known_hull, draws=40, rng=1).candidates[0].discrepancy_scales[0] > 0.6

@@ -141,7 +141,7 @@ def test_runs_of_another_facility_are_named_with_their_format(files, tmp_path, c
     assert list(index["facilities"]) == ["basin A", "basin B"]
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Rudder delay at basin B measured over" in page
-    assert "Forecasts use the gear of basin A where no other facility is asked for." in page
+    assert "Forecasts use the gear of basin A by default." in page
     capsys.readouterr()
     forecast = ["forecast", str(tmp_path), "--zigzag", "10/10", "--side", "port", "--draws", "20", "--quiet"]
     assert main([*forecast, "--facility", "basin B"]) == 0

@@ -74,7 +74,7 @@ def test_scores_are_differences_to_the_best_in_every_run():
     assert np.isnan([found[1][key] for key in ("mean", "lower", "upper")]).all()
     ax = term_set_scores(found, best.name).axes[0]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["loading", "lost"]
-    assert [note.get_text() for note in ax.texts] == ["a window ran away"]
+    assert [note.get_text() for note in ax.texts] == ["a window diverged"]
     assert ax.get_lines()[1].get_xdata().tolist() == apart.tolist()
 
 

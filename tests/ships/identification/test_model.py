@@ -147,7 +147,7 @@ class TestWeights:
         return Candidate("", None, None, held, 1.0, np.empty((0, 1)))
 
     def weights(self, *densities):
-        found = ship_model._weighted([self.candidate(row) for row in densities], {}, np.random.default_rng(5))
+        found = ship_model._with_weights([self.candidate(row) for row in densities], {}, np.random.default_rng(5))
         return [candidate.weight for candidate in found]
 
     def test_equal_densities_weigh_alike(self):
@@ -173,7 +173,7 @@ class TestDraws:
         monkeypatch.setattr(ship_model, "is_feasible", lambda vessel, rows: np.ones(len(rows), dtype=bool))
         fit = WindowFit(tanker(), np.zeros(1), np.eye(1), np.eye(1), np.eye(1), {}, 1.0, 1)
         found = [replace(TestWeights.candidate([0.0]), fit=fit, weight=weight) for weight in weights]
-        drawn = ship_model._drawn(found, 2, np.random.default_rng(1))
+        drawn = ship_model._draw_feasible(found, 2, np.random.default_rng(1))
         assert [len(candidate.draws) for candidate in drawn] == dealt
 
 
@@ -183,7 +183,7 @@ class TestOneRun:
         for kind, typical in TYPICAL.items():
             assert np.median(lone.ship.index_error[kind]) == pytest.approx(typical, rel=0.02)
         (remark,) = lone.ship.remarks
-        assert remark.startswith("No run of a standard manoeuvre was held out: beside the spread of the term")
+        assert remark.startswith("No run of a standard manoeuvre was held out: the intervals include the spread")
         assert lone.names == ("1",)
         (candidate,) = lone.candidates
         assert candidate.weight == 1.0
@@ -237,7 +237,7 @@ class TestOneRun:
         found = identified(trials(0)[:1], (POORER, TRUE_TERMS))
         assert [candidate.name for candidate in found.candidates] == [TRUE_TERMS]
         assert found.ship.remarks[0] == (
-            "The loading terms were left out: fitted to these trials, they make a ship that runs away, in a turn."
+            "The loading terms were left out: the simulation of the fitted ship diverges, in a turn."
         )
         with refused(FitError, "loading"):
             identified(trials(0)[:1], (POORER,))
@@ -269,7 +269,7 @@ class TestOtherRuns:
         assert first.startswith(
             "Run 1: It is not recognised as a zigzag, a turning circle or a pull out: the rudder is "
         )
-        assert first.endswith("It is fitted, but no index of it is held out.")
+        assert first.endswith("The fit uses it, but no index is compared.")
         assert second.startswith("Run 2: ")
         assert "No run of a standard manoeuvre was held out" in last
         assert found.vessel == known()

@@ -15,7 +15,7 @@ from pymc_ship.physics.vessel.inertia import with_stability
 from pymc_ship.physics.vessel.term_sets import ROLL_SET
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.identification.candidates import default_term_sets
-from pymc_ship.ships.identification.model import _prepared
+from pymc_ship.ships.identification.model import _prepare
 from tests.physics.forces.test_parts import ROLLING, tanker
 from tests.ships.ensemble.cases import ship_of
 
@@ -53,7 +53,7 @@ def ship(trials):
 
 
 def sets_of(trials):
-    return default_term_sets(_prepared(trials, KNOWN, "hull_database"))
+    return default_term_sets(_prepare(trials, KNOWN, "hull_database"))
 
 
 def test_sets_with_roll_take_part_where_she_heels_and_it_is_measured(trials):

@@ -15,7 +15,7 @@ from pymc_ship.physics.vessel.term_sets import AHEAD_SET, ANY_SPEED_SET, with_te
 from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.identification.candidates import (
-    _shared,
+    _windows_ahead,
     default_term_sets,
     fit_candidates,
     longest_modelled_piece,
@@ -25,7 +25,7 @@ from pymc_ship.ships.identification.candidates import (
     with_recorded_effects,
 )
 from pymc_ship.ships.identification.figures import held_out_windows
-from pymc_ship.ships.identification.model import _prepared
+from pymc_ship.ships.identification.model import _prepare
 from pymc_ship.ships.identification.page import write_ship_report
 from pymc_ship.trial.record import OVER_GROUND
 from tests.physics.forces.test_parts import AHEAD, tanker
@@ -113,9 +113,9 @@ def test_forecasts_take_revolutions_wind_and_current(ship):
 def test_a_ship_that_stops_or_goes_astern_takes_parts_for_any_speed(truth, trials):
     slow = trials[0].assign(u=0.1 * trials[0]["u"])
     astern = trials[0].assign(n=("time", np.full(trials[0].sizes["time"], -1.0)))
-    assert default_term_sets(_prepared(trials, known(truth), "hull_database"))[0] == AHEAD_SET
+    assert default_term_sets(_prepare(trials, known(truth), "hull_database"))[0] == AHEAD_SET
     for record in (slow, astern):
-        assert default_term_sets(_prepared([record], known(truth), "hull_database")) == (ANY_SPEED_SET,)
+        assert default_term_sets(_prepare([record], known(truth), "hull_database")) == (ANY_SPEED_SET,)
 
 
 def test_speeds_over_ground_bring_a_current(truth, trials):
@@ -186,11 +186,11 @@ def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_p
     """Sets for any speed are fitted to the rest at the begin, too, and judged where the others are."""
     rest = np.where(trials[0]["time"].values < 50.0, 0.05, 1.0)
     begun = [trial.assign({name: trial[name] * rest for name in ("u", "v", "r")}) for trial in trials]
-    training = _prepared(begun, known(truth), "hull_database")
+    training = _prepare(begun, known(truth), "hull_database")
     sets = default_term_sets(training)
     assert (sets[0], sets[-1]) == (AHEAD_SET, ANY_SPEED_SET)
     whole, ahead = (with_terms(known(truth), name) for name in (ANY_SPEED_SET, AHEAD_SET))
-    for judged, trial in zip(_shared(training, whole), training.trials, strict=True):
+    for judged, trial in zip(_windows_ahead(training, whole), training.trials, strict=True):
         cut = prepared_windows(longest_modelled_piece(trial, ahead), ahead)
         assert [window.run.start for window in judged] == [window.run.start for window in cut]
         assert judged[0].run.start > 40.0
@@ -213,7 +213,7 @@ def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
     assert longest_modelled_piece(broken, ahead).identical(max(first, second, key=lambda piece: piece.sizes["time"]))
     starts = [window.run.start for window in modelled_windows(broken, ahead)]
     assert starts == [window.run.start for piece in (first, second) for window in prepared_windows(piece, ahead)]
-    training = _prepared([broken, trials[1]], known(truth), "hull_database")
+    training = _prepare([broken, trials[1]], known(truth), "hull_database")
     assert default_term_sets(training)[0] == AHEAD_SET
     candidate = fit_candidates([AHEAD_SET], training, np.random.default_rng(1))[0][0]
     (remark,) = partial_run_remarks(("broken", "whole"), training, [candidate])

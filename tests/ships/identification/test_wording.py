@@ -61,10 +61,13 @@ def with_revolutions_of_one_run():
 test_fit_errors = wording(
     FitError,
     (
-        r"^No term set can be fitted to these trials: The loading .* runs away in 90 % of the draws, in a turn\.$",
+        r"^No term set can be fitted to these trials: The loading .* diverges in 90 % of the draws, in a turn\.$",
         where_most_draws_run_away,
     ),
-    ("terms, 0 of 2000 do not run away in a standard manoeuvre; give more", where_all_draws_run_away),
+    (
+        "feasible draws, found 0 of 2000: the others diverge in a standard manoeuvre; add trials",
+        where_all_draws_run_away,
+    ),
 )
 
 test_trial_errors = wording(
@@ -78,10 +81,10 @@ test_trial_errors = wording(
         lambda: of_facilities("basin A", "basin B"),
     ),
     (
-        "The trials of this ship name no facility, found 'basin C' asked for; leave it out",
+        "The trials of this ship have no facility, found facility='basin C'; leave it out",
         lambda: of_facilities(""),
     ),
-    (r"from one trial or more, .* found 0 trials, 0 names and \d+ draws; correct", lambda: identified([])),
+    (r"needs one trial or more, .* found 0 trials, 0 names and \d+ draws; correct", lambda: identified([])),
     ("found 1 trials, 2 names", lambda: identified(trials(0)[:1], names=["a", "b"])),
     ("1 names and 1 draws", lambda: identified(trials(0)[:1], draws=1)),
     (
@@ -114,9 +117,9 @@ test_vessel_errors = wording(
 test_inference_errors = wording(
     ps.InferenceError,
     (r"found 'vague'; choose one of them\.$", lambda: identified(trials(0)[:1], prior="vague")),
-    ("'loading' asked for", lambda: after_earlier_runs(terms=["loading"])),
+    ("found 'loading'; choose one of them", lambda: after_earlier_runs(terms=["loading"])),
     (
-        "stand beside the earlier runs already; leave them out",
+        "in the earlier identification, too; leave them out",
         lambda: after_earlier_runs(uses_captive_tests=True, captive=xr.Dataset()),
     ),
     (

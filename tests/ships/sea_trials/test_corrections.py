@@ -81,7 +81,7 @@ def test_without_a_ship_the_wind_stays_and_no_uncertainty_is_claimed(measured):
     assert np.isnan(row["U"])
     assert np.isnan(row["u_model"])
     assert row["conformity"] == "met as measured"
-    assert "Wind is not corrected for: that needs an identified ship." in found.remarks
+    assert "The indices are not corrected for wind: that needs an identified ship." in found.remarks
 
 
 def test_an_index_that_the_model_does_not_reach_claims_no_uncertainty(monkeypatch, day):
@@ -98,7 +98,7 @@ def test_without_a_turn_distances_claim_no_uncertainty_but_angles_do():
     rows = rows_of(found, "zigzag")
     assert np.isnan(rows["initial_turning_distance"]["U"])
     assert np.isfinite(rows["first_overshoot_angle"]["U"])
-    assert any("No run shows the current" in remark for remark in found.remarks)
+    assert any("as no run gives it" in remark for remark in found.remarks)
 
 
 def test_a_zigzag_takes_the_current_of_the_turn(measured):

@@ -1,4 +1,4 @@
-"""The current that a turn of two rounds shows."""
+"""The current from a turn of two rounds."""
 
 import numpy as np
 import pytest

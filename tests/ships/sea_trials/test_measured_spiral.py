@@ -79,7 +79,7 @@ def test_a_straight_course_between_turns_to_both_sides_leaves_no_room_for_a_loop
 
 def turns_of(delta, r, *, held=True):
     channels = {"delta": ("turn", np.array(delta, dtype=float)), "r": ("turn", np.array(r, dtype=float))}
-    return xr.Dataset(channels, attrs={"held": held, "straight": 0.01})
+    return xr.Dataset(channels, attrs={"direct": held, "straight": 0.01})
 
 
 def test_a_loop_between_two_angles_is_open_up_to_their_distance():
@@ -112,7 +112,7 @@ def reverse_spiral(hold=10.0):
 
 def test_a_reverse_spiral_shows_the_loop_without_an_uncertainty():
     turns = measured_spiral(reverse_spiral(), vessel("kvlcc2").particulars.ship_time)
-    assert not turns.attrs["held"]
+    assert not turns.attrs["direct"]
     row, true = rows_of(turns)["loop_width"], spiral_indices(true_turns("kvlcc2"))
     assert row["corrected"] == pytest.approx(true["loop_width"].item(), abs=0.5)
     assert np.isnan(row["u_record"]).all()

@@ -72,7 +72,7 @@ def test_the_least_favourable_run_and_judgement_stand_in_the_form():
     (lacking,) = [one for one in form_rows(rows) if one["item"] == "zigzag 10/10, second overshoot angle"]
     assert (lacking["port"], lacking["conformity"]) == ("not measured", "")
     (other,) = [one for one in form_rows(rows) if one["item"] == "stopping, track reach"]
-    assert (other["port"], other["conformity"]) == ("not sailed", "")
+    assert (other["port"], other["conformity"]) == ("not run", "")
 
 
 @pytest.fixture(scope="module")
@@ -121,4 +121,4 @@ def test_a_wrong_key_is_one_sentence(trial, tmp_path, capsys):
 def test_a_full_load_without_a_ship_is_one_sentence(trial, tmp_path, capsys):
     words = ["--full-load", "kvlcc2", "--out", str(tmp_path / "r")]
     assert main(["trial-report", str(trial), "--vessel", "kvlcc2", "--quiet", *words]) == 2
-    assert "give the ship" in capsys.readouterr().err
+    assert "give ship" in capsys.readouterr().err

@@ -44,18 +44,18 @@ test_trial_errors = wording(
         ]
     ),
     (
-        "knows another draught",
+        "needs a modular term set",
         lambda: at_full_load(
             ship=replace(ship(), members=ship_of((ps.load_vessel("kvlcc2"), np.zeros((2, 29)))).members)
         ),
     ),
-    ("give the ship", at_full_load),
+    ("give ship", at_full_load),
     (
-        "L = 200 m and 320 m",
+        "found 200 m and 320 m",
         lambda: at_full_load(replace(tanker(), particulars=replace(tanker().particulars, L=200.0)), ship=ship()),
     ),
     (
-        "720 deg, of 630 at least, found 4",
+        "630 deg at least, found 4",
         lambda: drift_current(sailed(CIRCLE, 1100, wind=None)),
     ),
     ("x, y missing", lambda: drift_current(sailed(CIRCLE, 2400, wind=None).drop_vars(["x", "y"]))),

@@ -1,11 +1,8 @@
-"""Whether a simulated motion leaves the motion that a model was fitted to, how far, and in which quantity.
+"""Distance of a simulated motion from the motion that a model was fitted to.
 
-A polynomial in prime quantities is known only where its record has been. Each symbol is counted in units of its range
-in the record (in its own unit where it never moved). The convex hull of the record is replaced by the polytope of its
-supports in fixed directions: the axes, e_i + e_j and e_i - e_j for every pair, and random ones. The polytope contains
-the hull, so what is found outside is outside, a distance is a lower bound, and small departures may be missed.
-
-The support function of a convex set is that of Rockafellar (1970), Convex Analysis, section 13.
+The convex hull of the record, each symbol over its range, is bounded by a polytope of supports in fixed directions
+(Rockafellar 1970, Convex Analysis, section 13): axes, their sums and differences, random ones. A distance is a lower
+bound.
 """
 
 from __future__ import annotations
@@ -27,23 +24,22 @@ from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 
-UNKNOWN = "Extrapolation is unknown: the posterior does not hold the motion it was fitted to."
-"""Sentence for a forecast whose posterior does not hold the motion it was fitted to."""
+UNKNOWN = "Extrapolation is unknown: the posterior has no motion of the runs it was fitted to."
+"""Sentence for a posterior without the motion of its runs."""
 
 MARGIN = 0.01
-"""A departure below this share of the record's range counts as inside, because a repeated run of the same manoeuvre
-departs as much."""
+"""Departure that counts as inside, in ranges of the record; a repeated run departs as much."""
 
 _CHANNELS = (*STATE[:5], "delta")
 _N_RANDOM = 100
 _BLOCK = 256
-"""Number of points that the kernel treats together; so many fit into the first-level cache."""
+"""Points of a block of the kernel; they fit into the first-level cache."""
 _SHIPS = 16
-"""Number of ships that a thread treats together."""
+"""Draws of a task of a thread."""
 _NAMED = 3
 """Largest number of departures that a sentence names."""
 _VISIBLE = 0.005
-"""Departure from a symbol's range, in units of it, that a sentence names."""
+"""Smallest departure that a sentence names, in ranges of the symbol."""
 
 
 class _Direction(NamedTuple):
@@ -58,26 +54,22 @@ class _Direction(NamedTuple):
 
 
 def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -> xr.Dataset:
-    """Distance of simulated ships from the motion of a training record, at every instant.
+    """Distance of simulated draws from the motion of a training record, at every instant.
 
     Parameters
     ----------
     vessel : Vessel, str or Path
     ships : Dataset, dims (time,) or (draw, time)
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; NaN where a ship does not
-        run any more.
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; NaN after divergence.
     motion : DataArray, dims (row, symbol)
-        Prime motion of the record, ``symbol`` being :data:`pymc_ship.physics.forces.terms.SYMBOLS`. It is taken as it
-        is: a record to one side says nothing of the other.
+        Prime motion of the record by :data:`pymc_ship.physics.forces.terms.SYMBOLS`; not mirrored to the other side.
 
     Returns
     -------
     Dataset
-        ``distance`` (the dims of the ships; in units of the record's range, 0 inside and within
-        :data:`MARGIN` of it, NaN where a ship does not run)
-        and ``outside``. By symbol, and by draw where the ships have draws: ``lowest`` and ``highest`` prime value,
-        ``below`` and ``above``, how far these leave the record's range, in units of it. By symbol ``trained_lowest``
-        and ``trained_highest``.
+        ``distance`` (in ranges of the record, 0 within :data:`MARGIN`, NaN after divergence) and ``outside``, with the
+        dims of the ships. By symbol, and by draw: ``lowest`` and ``highest`` prime value, ``below`` and ``above``, the
+        departure from the record's range, in ranges. By symbol ``trained_lowest`` and ``trained_highest``.
 
     Raises
     ------
@@ -85,12 +77,12 @@ def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -
         When the ships lack a channel, or the motion a dimension, a symbol, a row or a finite value.
     """
     vessel = as_vessel(vessel)
-    trained = _trained(motion)
+    trained = _training_motion(motion)
     least, most = trained.min(axis=0), trained.max(axis=0)
     unit = np.where(most > least, most - least, 1.0)
     supports = (trained - least) / unit @ _directions().T
     limits = np.array([supports.min(axis=0), supports.max(axis=0)])
-    distance, lowest, highest = _measured(vessel, ships, least, unit, limits)
+    distance, lowest, highest = _distances(vessel, ships, least, unit, limits)
     by_symbol = ("draw", "symbol")
     variables = {
         "distance": (("draw", "time"), distance, {"units": "range of the record"}),
@@ -109,52 +101,53 @@ def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -
 
 
 def sentence(vessel: Vessel, summary: xr.Dataset) -> str:
-    """Say in one sentence how much of a forecast lies outside the record, how far, and in which quantities.
+    """Sentence: which part of a forecast is outside the record, how far, and in which quantities.
 
     Parameters
     ----------
     vessel : Vessel
     summary : Dataset
-        Over symbol ``below``, ``above``, ``lowest``, ``highest``, ``trained_lowest`` and ``trained_highest``, as from
-        :func:`extrapolation` for one ship or its medians over the draws; attrs ``share_extrapolated`` and
+        Variables over symbol of :func:`extrapolation`, of one draw or medians; attrs ``share_extrapolated`` and
         ``median_distance``.
 
     Returns
     -------
     str
-        Speed in m/s and angles in deg; other quantities as the ratio or prime value they are.
+        Speed in m/s, angles in deg, other quantities as prime values.
     """
-    share = summary.attrs["share_extrapolated"]
-    if share == 0.0:
+    fraction = summary.attrs["share_extrapolated"]
+    if fraction == 0.0:
         return "Every instant lies inside the motion of the record."
     sides = ("below", "lowest", "trained_lowest"), ("above", "highest", "trained_highest")
     departures = [
         ([float(summary[name].sel(symbol=symbol)) for name in names], symbol) for names in sides for symbol in SYMBOLS
     ]
-    named = sorted((found for found in departures if found[0][0] >= _VISIBLE), key=lambda found: -found[0][0])[:_NAMED]
+    named = sorted(
+        (departure for departure in departures if departure[0][0] >= _VISIBLE), key=lambda departure: -departure[0][0]
+    )[:_NAMED]
     where = "; ".join(_departure(vessel, reached, trained, symbol) for (_, reached, trained), symbol in named)
     return (
-        f"{percentage_outside(share).capitalize()} of the instants lie outside the motion of the record, typically by "
-        f"{summary.attrs['median_distance']:.2g} times the span that it covers: "
-        f"{where or 'combinations of quantities that each keep to their range in the median ship'}. A run that goes "
-        "there would tell."
+        f"{percentage_outside(fraction).capitalize()} of the instants lie outside the motion of the record, "
+        f"typically by {summary.attrs['median_distance']:.2g} times the span that it covers: "
+        f"{where or 'combinations of quantities, each within its range in the median ship'}. A run with such "
+        "motion would reduce the uncertainty."
     )
 
 
-def percentage_outside(share: float) -> str:
-    """Share of the instants outside the motion of the record, in words that hold for a single instant, too."""
-    return "less than 0.1 %" if 0.0 < share < 1e-3 else f"{100.0 * share:.3g} %"
+def percentage_outside(fraction: float) -> str:
+    """Percentage of the instants outside the motion of the record, as text."""
+    return "less than 0.1 %" if 0.0 < fraction < 1e-3 else f"{100.0 * fraction:.3g} %"
 
 
 def _departure(vessel: Vessel, reached: float, trained: float, symbol: str) -> str:
-    """Name what one symbol reaches beside the end of its range in the record."""
+    """Text: extreme of one symbol, and the end of its range in the record."""
     verb, way = ("falls", "down") if reached < trained else ("rises", "up")
-    quantity, shown, units = _shown(vessel, symbol)
-    return f"{quantity} {verb} to {shown(reached):.3g}{units}, the record goes {way} to {shown(trained):.3g}{units}"
+    quantity, convert, units = _display(vessel, symbol)
+    return f"{quantity} {verb} to {convert(reached):.3g}{units}, the record goes {way} to {convert(trained):.3g}{units}"
 
 
-def _shown(vessel: Vessel, symbol: str) -> tuple[str, Callable[[float], float], str]:
-    """Words for a symbol, how its prime value is shown, and the units of that."""
+def _display(vessel: Vessel, symbol: str) -> tuple[str, Callable[[float], float], str]:
+    """Name of a symbol's quantity, conversion of its prime value, and units."""
     words: dict[str, tuple[str, Callable[[float], float], str]] = {
         "u": ("speed", lambda u_a: vessel.particulars.nominal_speed / (1.0 - u_a), " m/s"),
         "v": ("v/U", float, ""),
@@ -168,14 +161,14 @@ def _shown(vessel: Vessel, symbol: str) -> tuple[str, Callable[[float], float], 
 
 @cache
 def _directions() -> np.ndarray:
-    """Unit vectors that stand for themselves and their opposites, shape (n_directions, n_symbols)."""
+    """Unit vectors, each also for its opposite, shape (n_directions, n_symbols)."""
     axes = np.eye(len(SYMBOLS))
     pairs = [axes[i] + sign * axes[j] for i, j in combinations(range(len(SYMBOLS)), 2) for sign in (1.0, -1.0)]
-    found = np.vstack([axes, pairs, np.random.default_rng(1970).standard_normal((_N_RANDOM, len(SYMBOLS)))])
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    directions = np.vstack([axes, pairs, np.random.default_rng(1970).standard_normal((_N_RANDOM, len(SYMBOLS)))])
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def _trained(motion: xr.DataArray) -> np.ndarray:
+def _training_motion(motion: xr.DataArray) -> np.ndarray:
     """Prime motion of the record, shape (n_rows, n_symbols)."""
     if set(motion.dims) != {"row", "symbol"} or set(map(str, motion.get_index("symbol"))) != set(SYMBOLS):
         raise TrialError(
@@ -188,7 +181,7 @@ def _trained(motion: xr.DataArray) -> np.ndarray:
     return values
 
 
-def _measured(
+def _distances(
     vessel: Vessel, ships: xr.Dataset, least: np.ndarray, unit: np.ndarray, limits: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distances (n_draws, n_time) and extremes (n_draws, n_symbols), counted from ``least`` in ``unit``."""
@@ -200,7 +193,7 @@ def _measured(
     distance = np.zeros((n_draws, n_time))
     lowest, highest = np.empty((2, n_draws, len(SYMBOLS)))
 
-    def run(begin: int) -> None:
+    def fill_rows(begin: int) -> None:
         rows = slice(begin, begin + _SHIPS)
         prime, _, _ = prime_record(vessel, {name: values[rows].ravel() for name, values in record.items()})
         points = (np.array([prime[symbol] for symbol in SYMBOLS]) - least[:, None]) / unit[:, None]
@@ -210,7 +203,7 @@ def _measured(
 
     blocks = range(0, n_draws, _SHIPS)
     with thread_pool(len(blocks)) as pool:
-        list(pool.map(run, blocks))
+        list(pool.map(fill_rows, blocks))
     distance[distance < MARGIN] = 0.0
     distance[np.isnan(record["u"])] = np.nan
     return distance, lowest, highest

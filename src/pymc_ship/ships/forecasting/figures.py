@@ -1,4 +1,4 @@
-"""Figures of a forecast manoeuvre beside a measured trial, as naval architects expect them, and force curves."""
+"""Figures of a forecast manoeuvre, with a measured trial where there is one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pymc_ship.ships.forecasting.track import median_ship, track
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
 _FALLEN = 0.5
-"""Heading change [deg] after which an overshoot has had its peak."""
+"""Heading change [deg] after which an overshoot's peak is passed."""
 
 _POINTS = 400
 _TRACKS = 40  # draws of a turning circle
@@ -38,21 +38,20 @@ def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | 
 
 @house_style
 def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
-    """Heading and rudder [deg] against time: band, median and, where there is one, the measured trial.
+    """Heading and rudder [deg] against time: band, median and measured trial.
 
     Parameters
     ----------
     tree : DataTree
         From :func:`pymc_ship.forecast`.
     measured : Dataset, dims (time,), optional
-        Trial, any of whose channels may be missing; it is aligned to its first execute.
+        Trial; channels may be missing; it is aligned to its first execute.
 
     Returns
     -------
     Figure
-        A manoeuvre that swings, such as a zigzag, has both on one axis, the switching headings dashed and the peaks of
-        the overshoots marked: the forecast's overshoot angle with its interval at the peak of the median ship, and the
-        measured peak.
+        A zigzag has both on one axis, with the switching headings, the overshoot angles with their intervals at the
+        peaks of the median ship, and the measured peaks.
     """
     swings = kind_named(tree.attrs["manoeuvre"]).swings
     trial = None if measured is None else align_to_first_execute(measured)
@@ -79,7 +78,7 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
 
 @house_style
 def turns_and_overshoots(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> Figure:
-    """Turning circles seen from above [L] and heading in zigzags [deg] of the draws, by the side of the manoeuvre.
+    """Turning circles [L] and headings in zigzags [deg] of the draws, coloured by side.
 
     Parameters
     ----------
@@ -123,23 +122,20 @@ def turns_and_overshoots(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -
 
 
 def overshoot_peaks(ship: xr.Dataset, heading_deg: float, side: str) -> list[tuple[float, float]]:
-    """Time [s] and heading [deg] of the peaks beyond the switching heading, turns to alternate sides in order.
-
-    A peak counts once the heading has come back from it by half a degree, more than the noise of a gyro.
-    """
-    good = np.isfinite(ship["psi"].values)
-    time, psi, found = ship["time"].values[good], np.rad2deg(ship["psi"].values[good]), []
+    """Time [s] and heading [deg] of the peaks beyond the switching heading, to alternate sides."""
+    finite = np.isfinite(ship["psi"].values)
+    time, psi, peaks = ship["time"].values[finite], np.rad2deg(ship["psi"].values[finite]), []
     sign, begin = SIDES[side], 0
-    while (places := np.flatnonzero(sign * psi[begin:] >= heading_deg)).size:
-        begin += int(places[0])
+    while (indices := np.flatnonzero(sign * psi[begin:] >= heading_deg)).size:
+        begin += int(indices[0])
         beyond = sign * psi[begin:]
         back = np.flatnonzero(np.maximum.accumulate(beyond) - beyond > _FALLEN)
         if not back.size:
             break
         peak = begin + int(np.argmax(beyond[: back[0]]))
-        found.append((float(time[peak]), float(psi[peak])))
+        peaks.append((float(time[peak]), float(psi[peak])))
         begin, sign = begin + int(back[0]), -sign
-    return found
+    return peaks
 
 
 def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
@@ -177,10 +173,7 @@ def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
 
 @house_style
 def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
-    """Velocities, yaw rate and roll against time: band, median and measured trial; parameters as of the figures above.
-
-    The roll of a ship that does not roll is left out; the rudder stands last.
-    """
+    """Velocities, yaw rate, roll (where there is one) and rudder against time: band, median and measured trial."""
     bands = tree["bands"].to_dataset()
     names = [*(name for name in default_channels() if name in bands), "delta"]
     trial = None if measured is None else align_to_first_execute(measured)
@@ -201,17 +194,17 @@ def _panel(
     ax: Axes, tree: xr.DataTree, name: str, trial: xr.Dataset | None, *, colour: str = BLUE, mark: str = ""
 ) -> None:
     """Band, median and measured values of a channel against time, angles in degrees."""
-    bands = _thinned(tree["bands"].to_dataset()[[name]])
+    bands = _thin(tree["bands"].to_dataset()[[name]])
     factor = CHANNELS[name].unit.display_factor
     lower, median, upper = (factor * bands[name].sel(band=band).values for band in ("lower", "median", "upper"))
-    share = f"{percent(tree.attrs['ci_prob'])} band"
-    ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{mark}{share}")
+    band_label = f"{percent(tree.attrs['ci_prob'])} band"
+    ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{mark}{band_label}")
     ax.plot(bands["time"], median, color=colour, label=f"{mark}median")
     if trial is not None and name in trial:
-        seen = _thinned(trial[[name]].sel(time=trial["time"] <= float(bands["time"][-1])))
-        ax.plot(seen["time"], factor * seen[name], color=REFERENCE, lw=1.0, label="measured")
+        trial_samples = _thin(trial[[name]].sel(time=trial["time"] <= float(bands["time"][-1])))
+        ax.plot(trial_samples["time"], factor * trial_samples[name], color=REFERENCE, lw=1.0, label="measured")
 
 
-def _thinned(record: xr.Dataset) -> xr.Dataset:
-    """Every n-th sample of a record, so that the page stays small."""
+def _thin(record: xr.Dataset) -> xr.Dataset:
+    """Every n-th sample of a record."""
     return record.isel(time=slice(None, None, max(1, record.sizes["time"] // _POINTS)))

@@ -30,30 +30,28 @@ def force_curves(
     Parameters
     ----------
     models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients))
-        Vessels, which may differ in their terms, with coefficient draws, DOFs one after the other in the vessel's
-        order; the curves of all of them are pooled, so that a structure weighs as much as its draws.
+        Vessels and coefficient draws, DOFs in the vessel's order; the curves of all draws are pooled.
     ranges : DataArray, dims (row, symbol), optional
-        Prime motion of the training record, ``symbol`` being :data:`pymc_ship.physics.forces.terms.SYMBOLS`; the range
-        of each quantity is shaded.
+        Prime motion of the training record; the range of each quantity is shaded.
     ci_prob : float, optional
         Probability inside the equal-tailed bands.
 
     Returns
     -------
     Figure
-        Rows X', Y', N'; columns v', r', delta; all else is zero.
+        Rows X', Y', N'; columns v', r', delta; the other quantities are zero.
 
     Raises
     ------
     ValueError
-        For no model, or draws that do not fit their vessel.
+        For no model, or draws of another shape than the vessel's coefficients.
     """
     if not models:
         raise ValueError("Force curves need at least one vessel with draws of its coefficients, found none; add one.")
     fig, axes = subplots(8.0, 6.4, len(_FORCES), len(_AXES), sharex="col")
     tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
     for column, symbol in enumerate(_AXES):
-        trained = None if ranges is None else _trained(ranges, symbol)
+        trained = None if ranges is None else _range_of(ranges, symbol)
         half = max([_HALF_RANGE[symbol], *([] if trained is None else [_MARGIN * max(map(abs, trained))])])
         values = np.linspace(-half, half, _GRID)
         factor = np.rad2deg(1.0) if symbol == "delta" else 1.0
@@ -77,7 +75,7 @@ def force_curves(
     return fig
 
 
-def _trained(ranges: xr.DataArray, symbol: str) -> tuple[float, float]:
+def _range_of(ranges: xr.DataArray, symbol: str) -> tuple[float, float]:
     values = ranges.sel(symbol=symbol).values
     return float(np.nanmin(values)), float(np.nanmax(values))
 
@@ -91,14 +89,14 @@ def force_draws(vessel: Vessel, draws: np.ndarray, dof: str, symbol: str, values
     draws : ndarray, shape (n_draws, n_coefficients)
         DOFs one after the other in the vessel's order.
     dof, symbol : str
-        ``surge``, ``sway``, ``yaw`` or ``roll``; one of :data:`pymc_ship.physics.forces.terms.SYMBOLS`.
+        DOF, and one of :data:`pymc_ship.physics.forces.terms.SYMBOLS`.
     values : ndarray, shape (n_values,)
         Prime values of the quantity.
 
     Raises
     ------
     ValueError
-        For draws that do not fit the vessel.
+        For draws of another shape than the vessel's coefficients.
     """
     sizes = [len(vessel.terms(name)) for name in vessel.dofs]
     size = sum(sizes) + len(vessel.parameters)

@@ -1,4 +1,4 @@
-"""Page of forecasts for naval architects: the verdict, and every manoeuvre in numbers and figures."""
+"""Page of forecasts: IMO criteria, and every manoeuvre in numbers and figures."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PAGE = Page(
     packages=("pymc-ship", "numpy", "xarray", "numba", "matplotlib"),
     digits=6,
 )
-"""The page of forecasts, which may share its folder with the page of the ship."""
+"""The page of forecasts; its folder may hold the page of the ship, too."""
 
 SOURCES = ("IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76)",)
 
@@ -63,40 +63,38 @@ def write_forecast_page(
     command: str = "",
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Write the page of forecasts with its figures and tables; each appears under its name when complete.
+    """Write the page of forecasts with its figures and tables.
 
     Parameters
     ----------
     ship : Ship, Vessel, str or Path
-        Whose force curves are shown, with the motion of its runs, and whose remarks say how the intervals are made.
+        Gives the force curves, the motion of its runs and the remarks.
     forecasts : mapping of str to DataTree
         Forecasts from :func:`pymc_ship.forecast` by the name of their section, such as ``"zigzag 10/10 port"``.
     out : str or Path
-        Folder of the page; created where it is missing. What else is in it stays.
+        Folder of the page, created where it is missing; other files in it stay.
     vessel : Vessel, str or Path, optional
-        Whose name and particulars head the page; that of the ship by default.
+        Gives name and particulars; by default the vessel of the ship.
     measured : mapping of str to Dataset, optional
-        Measured trials by the name of the forecast they belong to; see
-        :func:`pymc_ship.records.steering.measured.align_to_first_execute`.
+        Measured trials by the name of their forecast.
     turns : Dataset, dims (draw, rate), optional
-        From :func:`pymc_ship.steady_turns`: adds a section on steady turns and course stability.
+        From :func:`pymc_ship.steady_turns`: adds the section on course stability.
     stop : Dataset, dims (draw, time), optional
         From :func:`pymc_ship.stopping`: adds a section on the stopping test.
     command : str, optional
-        What repeats the page.
+        Command that repeats the page.
     progress : callable, optional
         Called with a short text before each step.
 
     Returns
     -------
     Path
-        The page, ``out/forecast.html``, which is moved into place last, after ``figures/forecast_*.png`` and
-        ``tables/forecast_*.csv``.
+        ``out/forecast.html``, written after ``figures/forecast_*.png`` and ``tables/forecast_*.csv``.
 
     Raises
     ------
     ValueError
-        For nothing to show, or a trial of none of the forecasts.
+        Without a forecast, or for a trial that belongs to none.
     OutputError
         When the folder cannot be written.
     """
@@ -104,8 +102,8 @@ def write_forecast_page(
     vessel = ship.vessel if vessel is None else as_vessel(vessel)
     measured = dict(measured or {})
     if not forecasts and turns is None and stop is None:
-        raise ValueError("A page of forecasts needs at least one, found none; forecast a manoeuvre.")
-    _check(forecasts, measured)
+        raise ValueError("A page of forecasts needs at least one forecast, found none; forecast a manoeuvre.")
+    _check_names(forecasts, measured)
     out = writable_folder(out)
     verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
     rows, sections = {"forecast_verdict": verdicts} if verdicts else {}, []
@@ -142,15 +140,15 @@ def write_forecast_page(
 
 
 def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[str]:
-    """How the intervals are made: of the draws alone, or with the laws of the errors of the ship."""
+    """Remarks: which uncertainties the intervals include."""
     if ship.index_error is None:
         return [
-            "Each forecast runs one ship for each draw of the coefficients; the intervals are those of the ships. They "
-            "hold the uncertainty of the coefficients alone, not that of the model's form."
+            "Each forecast simulates every draw of the coefficients; the intervals are quantiles of the draws. They "
+            "include the uncertainty of the coefficients, not that of the model's form."
         ]
-    found = [
-        f"{len(ship.models)} term sets take part by their score on held-out runs: their scatter and that of the "
-        "coefficients make the bands, tracks and force curves.",
+    remarks = [
+        f"{len(ship.models)} term sets are weighted by their score on held-out runs: bands, tracks and force curves "
+        "include their scatter and that of the coefficients.",
         *(f"{label}: {tree.attrs['steering']}" for label, tree in forecasts.items()),
         *filter(None, map(refused_sentence, forecasts.values())),
         *dict.fromkeys(tree.attrs["reliability"] for tree in forecasts.values() if "reliability" in tree.attrs),
@@ -160,27 +158,27 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
         for row in error_rows(ship.index_error, ship.vessel)
     )
     if widened:
-        found.append(
-            "Intervals of the indices also hold the error that foreign ships and held-out manoeuvres show beyond it. "
-            f"Its sd by kind of index is: {widened}."
+        remarks.append(
+            "Intervals of the indices also include the model error, estimated from ships of other simulators and from "
+            f"held-out manoeuvres. Its sd by kind of index is: {widened}."
         )
     return [
-        *found,
-        "They hold the error of a model where no run has been, too: an sd of "
+        *remarks,
+        "They also include the extrapolation error: an sd of "
         f"{EXTRAPOLATION_SD:g} of the swing, of L/U and of L for each range of the runs by which the median ship "
-        "leaves their motion, as foreign ships showed it.",
+        "leaves their motion, estimated from ships of other simulators.",
     ]
 
 
 def refused_sentence(tree: xr.DataTree) -> str:
-    """Sentence on the draws that run away in a manoeuvre; empty where none does."""
+    """Sentence on the draws that diverge in a manoeuvre; empty where none does."""
     fraction = tree.attrs["share_refused"]
     label = tree.attrs["label"]
     return f"{rounded_percent(fraction)} of the draws diverge in the {label} and are left out." if fraction else ""
 
 
 def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
-    """What heads the page: the ship, and what intervals and verdicts are."""
+    """Values of the page's head: ship, intervals and conformance probabilities."""
     return {
         "title": f"{vessel.name}: forecast of its manoeuvres",
         "vessel_title": vessel.title or vessel.name,
@@ -193,17 +191,17 @@ def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
 
 def verdict_rows(name: str, tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:
     """Rows of :func:`pymc_ship.imo_probabilities` with the name of the manoeuvre and the measured value [deg, L]."""
-    found = {} if measured is None else measured_indices(measured, tree.attrs)
+    measured_values = {} if measured is None else measured_indices(measured, tree.attrs)
     rows = []
     for row in imo_probabilities(tree, vessel):
         unit = vessel.particulars.L if row["units"] == "L" else 1.0
-        value = found.get(row["criterion"].replace(" ", "_"), np.nan) / unit
+        value = measured_values.get(row["criterion"].replace(" ", "_"), np.nan) / unit
         rows.append({"manoeuvre": name, **row, "measured": value})
     return rows
 
 
 def index_rows(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:
-    """Indices of a forecast beside the measured ones; distances in ship lengths.
+    """Indices of a forecast and of the measured trial; distances in ship lengths.
 
     Parameters
     ----------
@@ -214,15 +212,14 @@ def index_rows(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = 
     Returns
     -------
     list of dict
-        ``index``, ``units``, ``median``, ``lower``, ``upper``, ``reached`` (share of the draws) and, with a trial,
-        ``measured``, ``error`` of the median, ``error_units`` (deg for angles, % otherwise) and ``covered`` (yes, no
-        or nothing where there is no measurement). Empty where the manoeuvre has no indices; without roll for a ship
-        that does not roll.
+        ``index``, ``units``, ``median``, ``lower``, ``upper``, ``reached`` (fraction of the draws) and, with a trial,
+        ``measured``, ``error`` of the median, ``error_units`` (deg for angles, else %) and ``covered`` (yes, no or
+        empty). No rows for a manoeuvre without indices.
     """
     if "index_bands" not in tree.children:
         return []
     bands, draws = tree["index_bands"].to_dataset(), tree["indices"].to_dataset()
-    found = {} if measured is None else measured_indices(measured, tree.attrs)
+    measured_values = {} if measured is None else measured_indices(measured, tree.attrs)
     rows = []
     for name in map(str, bands.data_vars):
         units = bands[name].attrs["units"]
@@ -230,7 +227,9 @@ def index_rows(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = 
         row = {"index": name.replace("_", " "), "units": units}
         row |= {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}
         row["reached"] = float(np.isfinite(draws[name].values).mean())
-        rows.append(row | ({} if measured is None else _beside(row, found.get(name, np.nan) / unit)))
+        rows.append(
+            row | ({} if measured is None else _measured_columns(row, measured_values.get(name, np.nan) / unit))
+        )
     return rows
 
 
@@ -243,8 +242,8 @@ def band_rows(tree: xr.DataTree) -> list[dict]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _beside(row: Mapping, value: float) -> dict:
-    """Measured value of an index, error of the forecast median, and whether the interval holds the measured value."""
+def _measured_columns(row: Mapping, value: float) -> dict:
+    """Measured value of an index, error of the median, and whether the interval covers the measured value."""
     error = (
         row["median"] - value if row["units"] == "deg" else 100.0 * (row["median"] / value - 1.0) if value else np.nan
     )
@@ -254,7 +253,7 @@ def _beside(row: Mapping, value: float) -> dict:
     return {"measured": value, "error": float(error), "error_units": units, "covered": covered}
 
 
-def _check(forecasts: Mapping, measured: Mapping) -> None:
+def _check_names(forecasts: Mapping, measured: Mapping) -> None:
     if unknown := [name for name in measured if name not in forecasts]:
         raise ValueError(
             f"A measured trial belongs to one of the forecasts {', '.join(forecasts)}; found {unknown[0]!r}; rename it."
@@ -262,22 +261,22 @@ def _check(forecasts: Mapping, measured: Mapping) -> None:
 
 
 def _slugs(names: Iterable[str]) -> list[str]:
-    """Names of files such as ``forecast_zigzag_10_10_port``; a number is added where two names would be the same."""
-    found: list[str] = []
+    """File names such as ``forecast_zigzag_10_10_port``, with a number where two would be the same."""
+    slugs: list[str] = []
     for name in names:
         slug = "forecast_" + (re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "manoeuvre")
-        taken = {"forecast_verdict", "forecast_forces", *found}
-        found.append(next(s for s in (slug, *(f"{slug}_{k}" for k in range(2, len(taken) + 3))) if s not in taken))
-    return found
+        taken = {"forecast_verdict", "forecast_forces", *slugs}
+        slugs.append(next(s for s in (slug, *(f"{slug}_{k}" for k in range(2, len(taken) + 3))) if s not in taken))
+    return slugs
 
 
 def _section(slug: str, name: str, tree: xr.DataTree, rows: list[dict], verdicts: list[str]) -> dict:
-    """What the template shows of one manoeuvre."""
+    """Template values of one manoeuvre."""
     swings = kind_named(tree.attrs["manoeuvre"]).swings
     return {
         "id": slug,
         "name": _capital(name),
-        "shares": f"{tree.attrs['draws']} ships, {100.0 * tree.attrs['share_diverged']:.3g} % diverged",
+        "shares": f"{tree.attrs['draws']} draws, {100.0 * tree.attrs['share_diverged']:.3g} % diverged",
         "speed": f"{tree.attrs['approach_speed']:.4g}",
         "extrapolation": tree.attrs["extrapolation"],
         "verdicts": [_capital(sentence) for sentence in verdicts],
@@ -289,7 +288,7 @@ def _section(slug: str, name: str, tree: xr.DataTree, rows: list[dict], verdicts
     }
 
 
-def _formatted(value: object) -> str:
+def _as_text(value: object) -> str:
     """Formatter of a column of numbers that are formatted already."""
     return str(value)
 
@@ -303,26 +302,26 @@ def index_table(rows: Sequence[Mapping], ci_prob: float) -> Table:
     lines = []
     for row in rows:
         n = fixed_point(_DECIMALS[row["units"]])
-        shown = {key: n(row[key]) for key in ("median", "measured") if key in row}
-        lines.append(dict(row) | shown | {"interval": _interval(row, n), "reached": 100.0 * row["reached"]})
-    columns: Columns = {"index": ("index", str), "units": ("", str), "median": ("median", _formatted)}
+        texts = {key: n(row[key]) for key in ("median", "measured") if key in row}
+        lines.append(dict(row) | texts | {"interval": _interval(row, n), "reached": 100.0 * row["reached"]})
+    columns: Columns = {"index": ("index", str), "units": ("", str), "median": ("median", _as_text)}
     columns |= {"interval": (f"interval of {percent(ci_prob)}", str)}
     if "measured" in rows[0]:
         for line in lines:
             error = fixed_point(2 if line["error_units"] == "deg" else 1)(line["error"])
             line["error"] = error if error == "–" else f"{'' if error[0] == '−' else '+'}{error} {line['error_units']}"
         columns |= {
-            "measured": ("measured", _formatted),
+            "measured": ("measured", _as_text),
             "error": ("error of the median", str),
             "covered": ("covered", str),
         }
     if any(row["reached"] < 1.0 for row in rows):
-        columns["reached"] = ("reached by % of the ships", number(3))
+        columns["reached"] = ("reached by % of the draws", number(3))
     return table(lines, columns)
 
 
-def _interval(row: Mapping, shown: Callable[[object], str]) -> str:
-    return f"{shown(row['lower'])} to {shown(row['upper'])}" if np.isfinite(row["median"]) else "–"
+def _interval(row: Mapping, formatter: Callable[[object], str]) -> str:
+    return f"{formatter(row['lower'])} to {formatter(row['upper'])}" if np.isfinite(row["median"]) else "–"
 
 
 def verdict_table(rows: Sequence[Mapping]) -> Table:
@@ -330,10 +329,10 @@ def verdict_table(rows: Sequence[Mapping]) -> Table:
     lines = []
     for row in rows:
         n, se = fixed_point(1 if row["units"] == "deg" else 2), row["standard_error"]
-        known = [key for key in ("limit", "median", "measured") if np.isfinite(row[key])]
-        shown = {"median": "–", "measured": "–"} | {key: f"{n(row[key])} {row['units']}" for key in known}
+        finite = [key for key in ("limit", "median", "measured") if np.isfinite(row[key])]
+        texts = {"median": "–", "measured": "–"} | {key: f"{n(row[key])} {row['units']}" for key in finite}
         probability = probability_text(row["probability"]) + (f" ± {fixed_point(2)(se)}" if se >= 0.005 else "")
-        lines.append(dict(row) | shown | {"interval": _interval(row, n), "probability": probability})
+        lines.append(dict(row) | texts | {"interval": _interval(row, n), "probability": probability})
     columns: Columns = {"manoeuvre": ("manoeuvre", str), "criterion": ("criterion", str), "limit": ("limit", str)}
     columns |= {"median": ("median", str), "interval": ("interval", str)}
     columns |= {"probability": ("probability of passing", str), "conformity": ("verdict", str)}

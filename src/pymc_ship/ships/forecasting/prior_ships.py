@@ -1,4 +1,4 @@
-"""What ships a prior holds: its draws carried into a manoeuvre, before there is a fit."""
+"""Prior predictive check in the space of trajectories: draws of a prior in a manoeuvre."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 
-STATUSES = ("diverged", "wrong way", "course-unstable", "sailed")
-"""How a ship of a prior ends: the first that is true of her. `ran away`: she leaves the model's range. `wrong way`: she
-turns against her rudder. `course-unstable`: she leaves a straight course by herself. `sailed`: none of these."""
+STATUSES = ("diverged", "wrong way", "course-unstable", "complete")
+"""Status of a draw, the first that is true: `diverged`, `wrong way` (first turns against the rudder), `course-unstable`
+(does not keep a straight course), `complete` (none of these)."""
 
-SHARES = ("diverged", "wrong_way", "course_unstable", "sailed")
-"""Shares of ships, in the order of the statuses, as attrs name them after ``share_``."""
+SHARES = ("diverged", "wrong_way", "course_unstable", "complete")
+"""Names of the attrs ``share_...``, in the order of the statuses."""
 
 STANDARD = {
     zigzag(10, 10): ("first_overshoot_angle", "second_overshoot_angle"),
     turning_circle(35): ("advance", "tactical_diameter"),
 }
-"""Manoeuvres by which a prior is judged, and their indices that IMO MSC.137(76) limits."""
+"""Manoeuvres of a prior predictive check, and their indices that IMO MSC.137(76) limits."""
 
 TURNED_DEG = 10.0
-"""Heading change [deg] by which a ship has turned: that of the initial turning ability of IMO MSC.137(76)."""
+"""Heading change [deg] of a turn: that of the initial turning ability of IMO MSC.137(76)."""
 
 RegressionPrior = tuple[RegressionData, Prior] | xr.DataTree
-"""Prior of one degree of freedom: its data and the prior on their scaled columns, or a tree with the group prior."""
+"""Prior of one DOF: data and the prior on their scaled columns, or a tree with the group prior."""
 
 
 def prior_ships(
@@ -53,36 +53,32 @@ def prior_ships(
     duration: float | None = None,
     **settings: Any,
 ) -> xr.Dataset:
-    """Simulate a manoeuvre with ships drawn from a prior: its predictive check in the space of trajectories.
+    """Simulate a manoeuvre with draws of a prior.
 
     Parameters
     ----------
     vessel : Vessel, str or Path
     prior : CoefficientPrior, DataTree or mapping of str to (RegressionData, Prior) or DataTree
-        Prior of all coefficients, whose factors tau are 1; or the prior of each DOF: a regression prior with the data
-        that scale it, or a tree that has the group prior, as from :func:`pymc_ship.with_predictive`. One tree may hold
-        all coefficients. A DOF that a mapping leaves out keeps the vessel's reference values.
+        Prior of all coefficients (factors tau are 1), a tree with the group prior, or one of them for each DOF; a DOF
+        that a mapping leaves out has the vessel's reference values.
     manoeuvre : Manoeuvre
     draws : int, optional
-        Simulated ships.
+        Number of draws.
     rng : int, SeedSequence or Generator
     duration : float, optional
-        [s]; by default what a forecast of this kind of manoeuvre lasts, 40 L/U for the standard ones.
+        [s]; by default that of :func:`pymc_ship.forecast`.
     **settings
-        ``step``, ``method`` and ``record_interval``, as :func:`pymc_ship.forecast`; where none of them is given,
-        Runge-Kutta steps of L/U / 240, of which each fourth is kept.
+        ``step``, ``method`` and ``record_interval``, as :func:`pymc_ship.forecast`.
 
     Returns
     -------
     Dataset, dims (draw,)
-        ``status``: how the ship ended, the first of :data:`STATUSES` that is true of her; ``diverged`` and
-        ``diverged_at`` [s, NaN where she did not run away]; ``wrong_way``, whether her heading changed by 10 deg (or by
-        the switching heading, where that is smaller) against the rudder first; ``course_unstable``, whether a small
-        disturbance of her straight course grows, and ``growth_rate`` [U/L], the largest real part of the eigenvalues
-        of her linear sway, yaw and roll at the approach speed; the indices of the manoeuvre, as
-        :func:`pymc_ship.indices`, NaN where she does not reach them; ``coefficients`` (draw, coefficient). Attrs tell
-        the shares ``share_diverged``, ``share_wrong_way``, ``share_course_unstable`` (a ship may count in several),
-        ``share_sailed``, ``held`` (DOFs at their reference values) and ``summary``, a sentence.
+        ``status``, one of :data:`STATUSES`; ``diverged`` and ``diverged_at`` [s]; ``wrong_way``: the heading first
+        changed by 10 deg (or the smaller switching heading) against the rudder; ``course_unstable`` and
+        ``growth_rate`` [U/L], the largest real part of the eigenvalues of linear sway, yaw and roll; the indices of
+        the manoeuvre, NaN where not reached; ``coefficients`` (draw, coefficient). Attrs: ``share_diverged``,
+        ``share_wrong_way``, ``share_course_unstable`` (a draw may count in several), ``share_complete``,
+        ``fixed_dofs`` (at their reference values) and ``summary``, a sentence.
 
     Raises
     ------
@@ -97,7 +93,7 @@ def prior_ships(
 
     Examples
     --------
-    Before a fit, the default prior of a tanker: most of its ships are none that were ever built.
+    Draws of the default prior of a tanker turn the wrong way more often than those of a sister ship's:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
@@ -112,9 +108,9 @@ def prior_ships(
     """
     rng, vessel, manoeuvre = random_generator(rng), as_vessel(vessel), one_manoeuvre(manoeuvre)
     if draws < 2:
-        raise ValueError(f"The ships of a prior are two or more, found {draws}; raise the draws.")
+        raise ValueError(f"A prior predictive check needs two draws or more, found {draws}; raise draws.")
     ships = simulate_draws(vessel, _rows(vessel, prior, draws, rng), manoeuvre, rng, duration=duration, **settings)
-    attrs = {**ships.attrs, "held": _held(vessel, prior)}
+    attrs = {**ships.attrs, "fixed_dofs": _fixed_dofs(vessel, prior)}
     return ships.assign_attrs(attrs | {"summary": _summary(attrs)})
 
 
@@ -127,7 +123,7 @@ def simulate_draws(
     duration: float | None = None,
     **settings: Any,
 ) -> xr.Dataset:
-    """Ships of given coefficients, shape (n_draws, n_coefficients); the rest as :func:`prior_ships`, which words it."""
+    """As :func:`prior_ships`, for given coefficients, shape (n_draws, n_coefficients)."""
     if duration is None:
         duration = manoeuvre.traits.reach * vessel.particulars.ship_time
     settings = {"step": 0.02, "record_interval": 0.5} | settings if settings else simulation_settings(vessel)
@@ -140,8 +136,8 @@ def simulate_draws(
         "course_unstable": growth > 0.0,
     }
     status = np.select(list(flags.values()), STATUSES[:-1], STATUSES[-1])
-    found = tree["indices"].to_dataset() if "indices" in tree.children else xr.Dataset()
-    found = found.assign(
+    variables = tree["indices"].to_dataset() if "indices" in tree.children else xr.Dataset()
+    variables = variables.assign(
         {
             **{name: ("draw", value) for name, value in ({"status": status} | flags).items()},
             "diverged_at": ships["diverged_at"],
@@ -149,32 +145,32 @@ def simulate_draws(
             "coefficients": (("draw", "coefficient"), rows),
         }
     )
-    counted = zip(SHARES, [*flags.values(), status == STATUSES[-1]], strict=True)
-    shares = {f"share_{name}": float(np.mean(which)) for name, which in counted}
+    masks = zip(SHARES, [*flags.values(), status == STATUSES[-1]], strict=True)
+    shares = {f"share_{name}": float(np.mean(mask)) for name, mask in masks}
     attrs = {**ships.attrs, "label": manoeuvre.label, "draws": len(rows), **shares}
-    return found.assign_coords(draw=ships["draw"], coefficient=coefficient_names(vessel)).assign_attrs(attrs)
+    return variables.assign_coords(draw=ships["draw"], coefficient=coefficient_names(vessel)).assign_attrs(attrs)
 
 
 def share_row(ships: xr.Dataset) -> dict:
-    """Row of a table: how ships of :func:`prior_ships` ended.
+    """Row of a table: shares of the statuses of :func:`prior_ships`.
 
     Returns
     -------
     dict
-        ``manoeuvre``, ``ships`` and the shares ``diverged``, ``wrong_way``, ``course_unstable``, ``sailed`` [%].
+        ``manoeuvre``, ``ships`` and the shares ``diverged``, ``wrong_way``, ``course_unstable``, ``complete`` [%].
     """
     shares = {name: 100.0 * ships.attrs[f"share_{name}"] for name in SHARES}
     return {"manoeuvre": ships.attrs["label"], "ships": ships.attrs["draws"], **shares}
 
 
 def index_row(ships: xr.Dataset, index: str, L: float, *, ci_prob: float) -> dict:
-    """Row of a table: band of an index of ships of :func:`prior_ships`.
+    """Row of a table: band of an index of :func:`prior_ships`.
 
     Returns
     -------
     dict
-        ``unit`` (L, the length of the ship, for distances), ``lower``, ``median`` and ``upper`` end of the equal-tailed
-        band over the ships that reach the index (NaN without any), and ``reached``, their share [%].
+        ``unit`` (L for distances), ``lower``, ``median`` and ``upper`` of the equal-tailed band over the draws that
+        reach the index, and ``reached``, their percentage.
     """
     values, unit = ships[index].values, ships[index].attrs["units"]
     values = values[np.isfinite(values)] / (L if unit == "m" else 1.0)
@@ -201,26 +197,26 @@ def _rows(
         return prior.draw(draws, rng)
     if not isinstance(prior, Mapping):
         raise InferenceError(
-            "The prior of ships is a CoefficientPrior, a tree with the group prior or a mapping of DOFs, found "
+            "A prior is a CoefficientPrior, a tree with the group prior or a mapping of DOFs, found "
             f"{type(prior).__name__}; make one, for example with coefficient_prior."
         )
     if isinstance(prior, xr.DataTree):
         return coefficient_draws(vessel, _with_prior(prior, "The tree"), draws, rng, group="prior")
-    trees = {dof: _tree(dof, given, draws, rng) for dof, given in prior.items()}
+    trees = {dof: _tree(dof, dof_prior, draws, rng) for dof, dof_prior in prior.items()}
     return coefficient_draws(vessel, trees, draws, rng, group="prior")
 
 
-def _tree(dof: str, given: RegressionPrior, draws: int, rng: np.random.Generator) -> xr.DataTree:
+def _tree(dof: str, dof_prior: RegressionPrior, draws: int, rng: np.random.Generator) -> xr.DataTree:
     """Tree with draws from the prior of a DOF."""
-    if isinstance(given, xr.DataTree):
-        return _with_prior(given, f"The tree of {dof}")
-    kinds = tuple(map(type, given)) if isinstance(given, tuple) else ()
+    if isinstance(dof_prior, xr.DataTree):
+        return _with_prior(dof_prior, f"The tree of {dof}")
+    kinds = tuple(map(type, dof_prior)) if isinstance(dof_prior, tuple) else ()
     if len(kinds) != 2 or not issubclass(kinds[0], RegressionData) or not issubclass(kinds[1], Prior):
         raise InferenceError(
             f"The prior of {dof} is a pair of RegressionData and Prior or a tree with the group prior, found "
-            f"{type(given).__name__}; give the data that scale the prior."
+            f"{type(dof_prior).__name__}; give the data that scale the prior."
         )
-    data, prior = given
+    data, prior = dof_prior
     return xr.DataTree.from_dict({"prior": prior_draws(data, prior, draws, rng=rng)})
 
 
@@ -230,32 +226,32 @@ def _with_prior(tree: xr.DataTree, name: str) -> xr.DataTree:
     return tree
 
 
-def _held(vessel: Vessel, prior: CoefficientPrior | xr.DataTree | Mapping[str, RegressionPrior]) -> str:
-    """Degrees of freedom that keep the vessel's reference values, with spaces between them."""
+def _fixed_dofs(vessel: Vessel, prior: CoefficientPrior | xr.DataTree | Mapping[str, RegressionPrior]) -> str:
+    """DOFs at the vessel's reference values, separated by spaces."""
     if isinstance(prior, CoefficientPrior | xr.DataTree):
         return ""
     return " ".join(dof for dof in vessel.dofs if dof not in prior)
 
 
 def _wrong_way(ships: xr.Dataset, manoeuvre: Manoeuvre) -> np.ndarray:
-    """Whether each ship's heading changed against the rudder first, shape (n_draws,)."""
+    """Whether each heading changed against the rudder first, shape (n_draws,)."""
     delta = ships["delta"].values[0]
-    moved = np.flatnonzero(delta)
-    if not moved.size:
+    steered = np.flatnonzero(delta)
+    if not steered.size:
         return np.zeros(ships.sizes["draw"], dtype=bool)
-    psi = ships["psi"].values[:, moved[0] :]
-    change = -np.sign(delta[moved[0]]) * (psi - psi[:, :1])
-    least = min(np.deg2rad(TURNED_DEG), manoeuvre.switch[0])
-    turned = np.abs(change) >= least
-    first = change[np.arange(len(change)), turned.argmax(axis=1)]
-    return turned.any(axis=1) & (first < 0.0)
+    psi = ships["psi"].values[:, steered[0] :]
+    change = -np.sign(delta[steered[0]]) * (psi - psi[:, :1])
+    threshold = min(np.deg2rad(TURNED_DEG), manoeuvre.switch[0])
+    has_turned = np.abs(change) >= threshold
+    first = change[np.arange(len(change)), has_turned.argmax(axis=1)]
+    return has_turned.any(axis=1) & (first < 0.0)
 
 
 def _summary(attrs: Mapping) -> str:
-    """Say the shares in one sentence."""
-    away, wrong, unstable, sailed = (f"{100.0 * attrs[f'share_{name}']:.3g} %" for name in SHARES)
-    held = f", {', '.join(attrs['held'].split())} at reference values" if attrs["held"] else ""
+    """Sentence on the shares."""
+    diverged, wrong, unstable, complete = (f"{100.0 * attrs[f'share_{name}']:.3g} %" for name in SHARES)
+    fixed = f", {', '.join(attrs['fixed_dofs'].split())} at reference values" if attrs["fixed_dofs"] else ""
     return (
-        f"Of {attrs['draws']} ships of the prior in a {attrs['label']}{held}: {away} run away, {wrong} turn the wrong "
-        f"way, {unstable} are course-unstable straight ahead; {sailed} do none of this."
+        f"Of {attrs['draws']} draws of the prior in a {attrs['label']}{fixed}: {diverged} diverge, {wrong} turn the "
+        f"wrong way, {unstable} are course-unstable; {complete} do none of this."
     )

@@ -1,8 +1,6 @@
 """The stopping test: full astern from the approach, until the ship is dead in the water (IMO MSC.137(76), 5.3.4).
 
-Revolutions go from those of the approach to the ones astern at an even rate, the rudder stays amidships. What the
-propeller does astern is known beforehand only from other propellers where no run went astern: the interval holds that.
-A right-handed screw pushes the stern to port, so that most ships swing to starboard as they stop.
+Revolutions change linearly in time from ahead to astern; the rudder is amidships.
 """
 
 from __future__ import annotations
@@ -30,28 +28,28 @@ from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 COLUMNS = {"index": ("index", str), "units": ("", str)} | {
     name: (name, fixed_point(1)) for name in ("median", "lower", "upper")
 }
-"""Columns in which a page shows them."""
+"""Columns of the page's table."""
 
 LONGEST = 150.0
-"""Time for which a ship is followed [L/U]."""
+"""Longest simulated time [L/U]."""
 
 MOST_ASTERN = 1.5
-"""Revolutions astern over the nominal ones, at most."""
+"""Largest ratio of revolutions astern to the nominal ones."""
 
 REVERSAL = 1.5
-"""Time from the order to the revolutions astern, where none is stated [L/U]."""
+"""Default time from the order to the revolutions astern [L/U]."""
 
 _STEPS = 20  # in L/U
 _SHOWN = 40  # tracks of a figure
 _NOT_ASTERN = (
-    "A stopping test needs forces at any speed and a propeller that is stated, found none among the models; "
-    'identify the ship with --terms "modular at any speed" and [propeller] in her file.'
+    "A stopping test needs forces at any speed and the table [propeller], found no such model; "
+    'identify the ship with --terms "modular at any speed" and [propeller] in the vessel file.'
 )
 
 
 @dataclass(frozen=True)
 class StoppingTest:
-    """A run in which the propeller is reversed and the rudder stays amidships.
+    """A run with the propeller reversed and the rudder amidships.
 
     Attributes
     ----------
@@ -73,10 +71,7 @@ class StoppingTest:
         return f"stopping test {self.astern:g} 1/s astern"
 
     def on(self, vessel: Vessel) -> StoppingTest:
-        """The test with the times and speed of a vessel.
-
-        SimulationError for those that no engine has, and for a vessel that does not know way astern.
-        """
+        """The test with the times and speed of a vessel; SimulationError where they are not feasible."""
         return StoppingTest(self.astern, *self._times(vessel))
 
     def _times(self, vessel: Vessel) -> tuple[float, float]:
@@ -94,8 +89,8 @@ class StoppingTest:
         speed = s.nominal_speed if self.approach_speed is None else self.approach_speed
         return reversal, speed
 
-    def sailed(self, vessel: Vessel, coefficients: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Revolutions [1/s] at some even times [s] and states of the ships, (n_time,) and (8, n_draws, n_time)."""
+    def simulate(self, vessel: Vessel, coefficients: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Revolutions [1/s], (n_time,), and states, (8, n_draws, n_time), at evenly spaced times [s]."""
         s, nominal, (reversal, speed) = vessel.particulars, ship_dimensions(vessel).n, self._times(vessel)
         ends = [speed / s.nominal_speed, -self.astern / nominal]
         inputs = np.zeros((4, time.size))
@@ -112,16 +107,16 @@ def stopping(
     reversal: float | None = None,
     approach_speed: float | None = None,
 ) -> xr.Dataset:
-    """Stop every drawn ship by reversing her propeller.
+    """Simulate the stopping test with every draw.
 
     Parameters
     ----------
     ship : Ship, Vessel, str or Path
-        Models whose forces do not know way astern are left out.
+        Models without forces astern are left out.
     astern : float
         Revolutions astern [1/s], a magnitude.
     reversal : float, optional
-        Time from the order to these revolutions [s]; 1.5 L/U by default, a minute for a large tanker.
+        Time from the order to these revolutions [s]; 1.5 L/U by default.
     approach_speed : float, optional
         [m/s]; the nominal speed by default.
 
@@ -129,17 +124,17 @@ def stopping(
     -------
     Dataset, dims (draw,), (draw, time)
         ``track_reach``, ``head_reach`` and ``lateral_deviation`` [m], positive to starboard, ``stopping_time`` [s] and
-        ``heading_change`` [deg] from the order until she makes no way ahead, NaN where she does not stop within 150
-        L/U; ``x``, ``y`` [m] and ``u`` [m/s], NaN after that. Attrs tell ``L``, ``astern`` and ``reversal``.
+        ``heading_change`` [deg] from the order until u = 0, NaN where the ship does not stop within 150 L/U; ``x``,
+        ``y`` [m] and ``u`` [m/s], NaN after the stop. Attrs: ``L``, ``astern`` and ``reversal``.
 
     Raises
     ------
     SimulationError
-        Where no ship knows way astern, or for revolutions or times that no engine has.
+        Without a model with forces astern, or for revolutions or times out of range.
 
     Examples
     --------
-    A tanker of parts that hold at any speed, with what is typical of her propeller astern:
+    A tanker with a modular model at any speed and typical propeller coefficients astern:
 
     >>> import pymc_ship as ps
     >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed")
@@ -147,25 +142,25 @@ def stopping(
     >>> print(f"track reach {stop['track_reach'].item() / 320.0:.1f} L in {stop['stopping_time'].item():.0f} s")
     track reach 13.1 L in 1304 s
     """
-    known = [(vessel, rows) for vessel, rows in as_ship(ship).models if models_astern(vessel)]
-    if not known:
+    models = [(vessel, rows) for vessel, rows in as_ship(ship).models if models_astern(vessel)]
+    if not models:
         raise SimulationError(_NOT_ASTERN)
-    first = known[0][0]
+    first = models[0][0]
     test, step = StoppingTest(astern, reversal, approach_speed).on(first), first.particulars.ship_time / _STEPS
     time = step * np.arange(round(LONGEST * _STEPS) + 1)
-    states = np.concatenate([test.sailed(vessel, rows, time)[1] for vessel, rows in known], axis=1)
-    found = stopping_indices(dict(zip(STATE, states, strict=True)), time)
+    states = np.concatenate([test.simulate(vessel, rows, time)[1] for vessel, rows in models], axis=1)
+    indices = stopping_indices(dict(zip(STATE, states, strict=True)), time)
     attrs = {"L": first.particulars.L} | asdict(test)
-    return found.assign_attrs(attrs)
+    return indices.assign_attrs(attrs)
 
 
 def stopping_indices(motion: Mapping[str, np.ndarray], time: np.ndarray) -> xr.Dataset:
-    """Indices and motion of ships until they make no way ahead.
+    """Indices and motion of draws until u = 0.
 
     Parameters
     ----------
     motion : mapping of str to ndarray, shape (n_draws, n_time)
-        u [m/s], psi [rad], x and y [m] from the order astern on; others are not looked at.
+        u [m/s], psi [rad], x and y [m] from the order astern on.
     time : ndarray, shape (n_time,)
         [s].
 
@@ -177,59 +172,61 @@ def stopping_indices(motion: Mapping[str, np.ndarray], time: np.ndarray) -> xr.D
     u, psi, x, y = (motion[name] for name in ("u", "psi", "x", "y"))
     n_draws = len(u)
     values = {name: np.full(n_draws, np.nan) for name in INDICES}
-    shown = {name: np.full(u.shape, np.nan) for name in ("u", "x", "y")}
+    motion_until_stop = {name: np.full(u.shape, np.nan) for name in ("u", "x", "y")}
     for k in range(n_draws):
         still = np.flatnonzero(u[k] <= 0.0)
         if not still.size:
             continue
         end = still[0]
-        share = u[k, end - 1] / (u[k, end - 1] - u[k, end])
-        last = [row[k, end - 1] + share * (row[k, end] - row[k, end - 1]) for row in (x, y, psi)]
+        weight = u[k, end - 1] / (u[k, end - 1] - u[k, end])
+        last = [row[k, end - 1] + weight * (row[k, end] - row[k, end - 1]) for row in (x, y, psi)]
         path_x, path_y = np.append(x[k, :end], last[0]), np.append(y[k, :end], last[1])
         values["track_reach"][k] = np.sum(np.hypot(np.diff(path_x), np.diff(path_y)))
         values["head_reach"][k], values["lateral_deviation"][k] = last[:2]
-        values["stopping_time"][k] = time[end - 1] + share * (time[end] - time[end - 1])
+        values["stopping_time"][k] = time[end - 1] + weight * (time[end] - time[end - 1])
         values["heading_change"][k] = np.rad2deg(last[2])
         for name, row in (("u", u), ("x", x), ("y", y)):
-            shown[name][k, :end] = row[k, :end]
-    kept = int(np.flatnonzero(np.isfinite(shown["u"]).any(axis=0)).max(initial=0)) + 1
-    found: dict[str, tuple] = {name: ("draw", value, {"units": INDICES[name]}) for name, value in values.items()}
+            motion_until_stop[name][k, :end] = row[k, :end]
+    n_shown = int(np.flatnonzero(np.isfinite(motion_until_stop["u"]).any(axis=0)).max(initial=0)) + 1
+    variables: dict[str, tuple] = {name: ("draw", value, {"units": INDICES[name]}) for name, value in values.items()}
     units = {"u": "m/s", "x": "m", "y": "m"}
-    found |= {name: (("draw", "time"), row[:, :kept], {"units": units[name]}) for name, row in shown.items()}
-    return xr.Dataset(found, {"draw": np.arange(n_draws), "time": ("time", time[:kept], {"units": "s"})})
+    variables |= {
+        name: (("draw", "time"), row[:, :n_shown], {"units": units[name]}) for name, row in motion_until_stop.items()
+    }
+    return xr.Dataset(variables, {"draw": np.arange(n_draws), "time": ("time", time[:n_shown], {"units": "s"})})
 
 
 def stopping_sentence(stop: xr.Dataset) -> str:
-    """Track reach with its interval and the probability that it keeps the limit of IMO MSC.137(76)."""
+    """Sentence: track reach with its interval and the probability of conformance with IMO MSC.137(76)."""
     reach = stop["track_reach"].values / stop.attrs["L"]
-    known = np.isfinite(reach)
-    if not known.any():
-        return f"No drawn ship stops with {stop.attrs['astern']:g} 1/s astern."
-    lower, median, upper = np.quantile(reach[known], [0.025, 0.5, 0.975])
-    kept = [probability_text(float(np.mean(known & (reach <= limit)))) for limit in (LIMIT, LARGE)]
-    lost = f" {rounded_percent(float(np.mean(~known)))} of the draws do not stop." if not known.all() else ""
+    stops = np.isfinite(reach)
+    if not stops.any():
+        return f"No draw stops with {stop.attrs['astern']:g} 1/s astern."
+    lower, median, upper = np.quantile(reach[stops], [0.025, 0.5, 0.975])
+    probabilities = [probability_text(float(np.mean(stops & (reach <= limit)))) for limit in (LIMIT, LARGE)]
+    remainder = f" {rounded_percent(float(np.mean(~stops)))} of the draws do not stop." if not stops.all() else ""
     return (
         f"Stopping test with {stop.attrs['astern']:g} 1/s astern: track reach {median:.1f} L ({lower:.1f} to "
-        f"{upper:.1f}), within the {LIMIT:g} L of IMO MSC.137(76) with probability {kept[0]}, within the {LARGE:g} L "
-        f"of large ships with {kept[1]}.{lost}"
+        f"{upper:.1f}), within the {LIMIT:g} L of IMO MSC.137(76) with probability {probabilities[0]}, within "
+        f"the {LARGE:g} L of large ships with {probabilities[1]}.{remainder}"
     )
 
 
 def stopping_rows(stop: xr.Dataset) -> list[dict]:
-    """Median and interval of 95 % of each index over the ships that stop; distances in L."""
+    """Median and 95 % interval of each index over the draws that stop; distances in L."""
     rows = []
     for name, units in INDICES.items():
         values = stop[name].values / (stop.attrs["L"] if units == "m" else 1.0)
         row = {"index": name.replace("_", " "), "units": "L" if units == "m" else units}
-        known = np.isfinite(values)
-        ends = np.quantile(values[known], [0.5, 0.025, 0.975]) if known.any() else np.full(3, np.nan)
+        finite = np.isfinite(values)
+        ends = np.quantile(values[finite], [0.5, 0.025, 0.975]) if finite.any() else np.full(3, np.nan)
         rows.append(row | dict(zip(("median", "lower", "upper"), ends.tolist(), strict=True)))
     return rows
 
 
 @house_style
 def stopping_tracks(stop: xr.Dataset) -> Figure:
-    """Tracks of the ships until they stop [L], and their speed ahead against time."""
+    """Tracks of the draws until they stop [L], and u against time."""
     L = stop.attrs["L"]
     fig, axes = subplots(8.0, 3.6, 1, 2)
     track, speed = axes[0]
@@ -252,5 +249,5 @@ def stopping_tracks(stop: xr.Dataset) -> Figure:
 
 
 def models_astern(vessel: Vessel) -> bool:
-    """Whether the forces of a vessel hold with her propeller astern."""
+    """Whether the forces of a vessel are valid with the propeller astern."""
     return valid_at_any_speed(vessel) and takes_revolutions(vessel)

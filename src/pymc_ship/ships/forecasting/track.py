@@ -19,10 +19,10 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import align_to_first_execute, measured_indices
 
 BEAM = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0.14)])
-"""Half an outline of a ship seen from above: forward in ship lengths, abeam in beams; it closes in a pointed bow."""
+"""Half outline of a ship from above: forward in ship lengths, abeam in beams."""
 
 N_TRACKS = 40
-"""Ships whose tracks are drawn."""
+"""Draws whose tracks are drawn."""
 
 _INTERVALS = (1, 2, 5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600)
 _SPACING, _POINTS, _FIRST_ROUND, _SHOWN_TURN = 1.6, 160, 360.0, 420.0
@@ -31,12 +31,9 @@ _ROOM = 0.11
 
 
 def median_ship(tree: xr.DataTree) -> int:
-    """Draw whose indices are nearest their medians, in units of their spread.
+    """Draw whose indices (or track, without indices) are nearest the medians, in standard deviations.
 
-    Without indices, the draw whose track is nearest.
-
-    The indices are those of the tracks themselves, without the model error that a forecast may add to them. Ships that
-    diverged are left out unless all did.
+    The indices are without model error; diverged draws are left out unless all diverged.
     """
     ships = tree["trajectories"].to_dataset()
     if "indices" in tree.children:
@@ -61,7 +58,7 @@ def hull(vessel: Vessel, x: float, y: float, psi: float) -> np.ndarray:
 
 
 class _Plan:
-    """Axes seen from above in ship lengths: ahead up and starboard right or, turned, ahead right and starboard down."""
+    """Axes in ship lengths: ahead up and starboard right or, turned, ahead right and starboard down."""
 
     def __init__(self, ax: Axes, vessel: Vessel, *, turned: bool):
         self.ax, self.vessel, self.turned, self.L = ax, vessel, turned, vessel.particulars.L
@@ -87,13 +84,13 @@ class _Plan:
         self.ax.plot(*self.points(x, y), **style)
 
     def outlines(self, ship: xr.Dataset, interval: float, **style: Any) -> None:
-        """Hull each interval, in the first round."""
+        """Outlines at a time interval [s], in the first round."""
         time, x, y, psi = (ship[name].values for name in ("time", "x", "y", "psi"))
-        good = np.isfinite(x + y + psi)
-        for when in np.arange(0.0, time[good][-1] + 1e-9, interval):
-            place = [float(np.interp(when, time[good], values[good])) for values in (x, y, psi)]
-            if abs(place[2]) <= np.deg2rad(_FIRST_ROUND):
-                outline = hull(self.vessel, *place)
+        finite = np.isfinite(x + y + psi)
+        for when in np.arange(0.0, time[finite][-1] + 1e-9, interval):
+            pose = [float(np.interp(when, time[finite], values[finite])) for values in (x, y, psi)]
+            if abs(pose[2]) <= np.deg2rad(_FIRST_ROUND):
+                outline = hull(self.vessel, *pose)
                 self.ax.add_patch(Polygon(np.column_stack(self.points(*outline.T)), **style))
 
 
@@ -104,8 +101,8 @@ def _until(ship: xr.Dataset, turned: float) -> xr.Dataset:
     return ship.isel(time=slice(0, over[0] if over.size else None))
 
 
-def _mark(ship: xr.Dataset, turned: float) -> tuple[float, float] | None:
-    """Position x, y [m] at which the heading has changed by so many degrees; None where it has not."""
+def _position_at(ship: xr.Dataset, turned: float) -> tuple[float, float] | None:
+    """Position x, y [m] at a heading change [deg]; None where it is not reached."""
     psi = np.abs(ship["psi"].values - ship["psi"].values[0])
     over = np.flatnonzero(psi >= np.deg2rad(turned))
     if not over.size:
@@ -117,7 +114,7 @@ def _mark(ship: xr.Dataset, turned: float) -> tuple[float, float] | None:
 
 @house_style
 def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> Figure:
-    """Track of the forecast seen from above, in ship lengths, with outlines of the ship to scale at regular intervals.
+    """Tracks of a forecast in ship lengths, with outlines of the ship to scale.
 
     Parameters
     ----------
@@ -131,15 +128,14 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     Returns
     -------
     Figure
-        Thin tracks of up to :data:`N_TRACKS` ships, the median ship and the trial. A manoeuvre that circles shows
-        its first round, the points at 90 and 180 deg and the dimensions made there. Ahead is up and starboard right; a
-        track more than 2.5 times as long as wide, such as a zigzag's, has ahead to the right and starboard down.
+        Thin tracks of up to :data:`N_TRACKS` draws, the median ship and the trial. A circle shows its first round with
+        the points and dimensions at 90 and 180 deg. A track more than 2.5 times as long as wide has ahead to the right.
     """
     turning = kind_named(tree.attrs["manoeuvre"]).circles
     most = _SHOWN_TURN if turning else np.inf
     ships = tree["trajectories"].to_dataset()
-    drawn = [_until(ships.isel(draw=k), most) for k in _some(ships, median_ship(tree))]
-    trial = _measured(tree, measured, most)
+    drawn = [_until(ships.isel(draw=k), most) for k in _shown_draws(ships, median_ship(tree))]
+    trial = _measured_track(tree, measured, most)
     named = [(drawn[0], BLUE, "median ship")] + ([] if trial is None else [(trial, REFERENCE, "measured")])
     advance, transfer = (_extent([*drawn, *([] if trial is None else [trial])], name, vessel) for name in ("x", "y"))
     turned = bool(not turning and np.ptp(advance) > 2.5 * np.ptp(transfer))
@@ -149,15 +145,15 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     fig, axes = subplots(8.0, float(np.clip(7.2 * ratio + 1.2, 2.0, 8.0)))
     plan = _Plan(axes[0, 0], vessel, turned=turned)
     for ship in drawn:
-        plan.line(ship, color=BLUE, lw=0.4, alpha=0.35, label="forecast ships" if ship is drawn[0] else None)
-    interval = _interval(drawn[0], vessel)
+        plan.line(ship, color=BLUE, lw=0.4, alpha=0.35, label="forecast draws" if ship is drawn[0] else None)
+    interval = _outline_interval(drawn[0], vessel)
     for ship, colour, label in named:
         plan.line(ship, color=colour, lw=1.9 if label == "measured" else 1.3, label=label, zorder=3)
         face = (colour, 0.0 if label == "measured" else 0.3)
         plan.outlines(ship, interval, fc=face, ec=colour, lw=0.9, zorder=3.5 if label == "measured" else 2.5)
     if turning:
-        found = {} if measured is None or trial is None else measured_indices(measured, tree.attrs)
-        _dimensions(plan, tree, named, (advance, transfer), found)
+        measured_values = {} if measured is None or trial is None else measured_indices(measured, tree.attrs)
+        _dimensions(plan, tree, named, (advance, transfer), measured_values)
     plan.limits(advance, transfer)
     title = f"{tree.attrs['label']}: outlines every {interval:g} s, L = {plan.L:.4g} m"
     plan.ax.set_title(f"{title}{', starboard is down' if turned else ''}", loc="left")
@@ -168,7 +164,7 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
 
 
 def _extent(ships: Sequence[xr.Dataset], name: str, vessel: Vessel) -> tuple[float, float]:
-    """Range of a coordinate of some ships and of their hulls at the ends [L]."""
+    """Range of a coordinate of the tracks and of the outlines at their ends [L]."""
     values = np.concatenate([[0.0], *(ship[name].values for ship in ships)]) / vessel.particulars.L
     return float(np.nanmin(values)) - 0.6, float(np.nanmax(values)) + 0.6
 
@@ -182,24 +178,24 @@ def _with_room(
     return (advance[0] - room, advance[1] + room), aside
 
 
-def _some(ships: xr.Dataset, first: int) -> list[int]:
-    """Draws whose tracks are drawn, the median ship first."""
+def _shown_draws(ships: xr.Dataset, first: int) -> list[int]:
+    """Draws to show, the median ship first."""
     return [first, *(k for k in range(ships.sizes["draw"]) if k != first)][:N_TRACKS]
 
 
-def _measured(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr.Dataset | None:
+def _measured_track(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr.Dataset | None:
     """Aligned trial as long as the forecast, up to a heading change [deg]; None where it has no track."""
     if measured is None:
         return None
     trial = align_to_first_execute(measured)
     if not {"x", "y", "psi"} <= set(trial.data_vars):
         return None
-    shown = trial.sel(time=trial["time"] <= float(tree["trajectories"].dataset["time"][-1]))
-    trial = _until(shown[["x", "y", "psi"]].dropna("time"), most)
+    aligned = trial.sel(time=trial["time"] <= float(tree["trajectories"].dataset["time"][-1]))
+    trial = _until(aligned[["x", "y", "psi"]].dropna("time"), most)
     return trial if trial.sizes["time"] > 1 else None
 
 
-def _interval(ship: xr.Dataset, vessel: Vessel) -> float:
+def _outline_interval(ship: xr.Dataset, vessel: Vessel) -> float:
     """Round interval [s] in which the ship moves about a ship length and a half."""
     x, y, time = (ship[name].values for name in ("x", "y", "time"))
     path = float(np.hypot(np.diff(x), np.diff(y)).sum()) / vessel.particulars.L
@@ -214,11 +210,11 @@ def _dimensions(
     ranges: tuple[tuple[float, float], tuple[float, float]],
     measured: Mapping[str, float],
 ) -> None:
-    """Marks at 90 and 180 deg, and advance, transfer and tactical diameter with their intervals, inside the ranges."""
+    """Marks at 90 and 180 deg; advance, transfer and tactical diameter with intervals."""
     advance, transfer = ranges
-    marks = {(label, angle): _mark(ship, angle) for ship, _, label in named for angle in (90.0, 180.0)}
-    for (label, angle), place in marks.items():
-        if place is not None:
+    marks = {(label, angle): _position_at(ship, angle) for ship, _, label in named for angle in (90.0, 180.0)}
+    for (label, angle), position in marks.items():
+        if position is not None:
             colour = BLUE if label == "median ship" else REFERENCE
             shape: dict[str, Any] = {
                 "marker": "o" if angle == 90.0 else "s",
@@ -227,21 +223,21 @@ def _dimensions(
                 "mec": "white",
             }
             where = f"{angle:g}° of heading" if label == "median ship" else None
-            plan.ax.plot(place[1] / plan.L, place[0] / plan.L, ms=7.0, zorder=4, label=where, **shape)
+            plan.ax.plot(position[1] / plan.L, position[0] / plan.L, ms=7.0, zorder=4, label=where, **shape)
     inward = 0.8 * _ROOM / (1.0 + 2.0 * _ROOM) * np.ptp(advance)
     side = transfer[0] + inward if tree.attrs["side"] == "starboard" else transfer[1] - inward
     levels = {"advance": side, "transfer": advance[1] - inward, "tactical_diameter": advance[0] + inward}
     for name, (angle, axis) in {"advance": (90.0, 0), "transfer": (90.0, 1), "tactical_diameter": (180.0, 1)}.items():
-        if (place := marks["median ship", angle]) is not None:
+        if (position := marks["median ship", angle]) is not None:
             text = _dimension_text(tree, name, plan.L, measured.get(name, np.nan) / plan.L)
-            _dimension(plan.ax, np.array([place[1], place[0]]) / plan.L, levels[name], text, vertical=axis == 0)
+            _dimension(plan.ax, np.array([position[1], position[0]]) / plan.L, levels[name], text, vertical=axis == 0)
 
 
 def _dimension_text(tree: xr.DataTree, name: str, L: float, measured: float) -> str:
     bands = tree["index_bands"][name] / L
     lower, median, upper = (f"{float(bands.sel(band=band)):.2f}" for band in ("lower", "median", "upper"))
-    beside = f"\nmeasured {measured:.2f} L" if np.isfinite(measured) else ""
-    return f"{name.replace('_', ' ')} {median} L\n({lower} to {upper}){beside}"
+    measured_line = f"\nmeasured {measured:.2f} L" if np.isfinite(measured) else ""
+    return f"{name.replace('_', ' ')} {median} L\n({lower} to {upper}){measured_line}"
 
 
 def _dimension(ax: Axes, mark: np.ndarray, level: float, text: str, *, vertical: bool) -> None:

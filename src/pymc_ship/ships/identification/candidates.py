@@ -1,4 +1,4 @@
-"""Term sets fitted to the runs of a ship: each with its prior, judged by held-out runs and by standard manoeuvres."""
+"""Term sets fitted to the runs of a ship, cross-validated, and accepted if feasible in standard manoeuvres."""
 
 from __future__ import annotations
 
@@ -48,33 +48,30 @@ from pymc_ship.ships.identification.held_out import CrossValidation, cross_valid
 from pymc_ship.trial.record import OVER_GROUND, nonzero_channels
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
-"""What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
+"""Kinds of prior for coefficients without an sd in the vessel file."""
 
 LARGEST_INFLATION = 5.0
-"""Bound of the factor on the standard deviations of the coefficients."""
+"""Largest factor on the sds of the coefficients."""
 
 AHEAD_FRACTION = 0.5
-"""Share of the time that a ship sails ahead, from which models for that alone can hold her records."""
+"""Least fraction of the time ahead for models that are valid ahead alone."""
 
 ROLL_ANGLE = 2.0
-"""Heel [deg] that a record reaches for one instant in a hundred, from which a ship rolls."""
+"""99 % quantile of the heel [deg] from which a ship counts as rolling."""
 
-_SAME = 0.1  # share by which revolutions differ that are counted as alike
-_GROUPS = 4  # of the windows of a single run
-_TRIAL_DRAWS = 50  # draws of a term set that are tried in the standard manoeuvres
-_MIN_FEASIBLE = 0.1  # share of them that must not run away
+_SAME = 0.1  # largest relative range of constant revolutions
+_GROUPS = 4  # folds of a single run
+_TRIAL_DRAWS = 50  # draws for the test of feasibility
+_MIN_FEASIBLE = 0.1  # least feasible fraction of them
 
 
 @dataclass(frozen=True)
 class Candidate:
     """One term set of the ensemble.
 
-    ``fit`` is to all runs, widened by the factor ``inflation`` from how far each run moves it, and so
-    are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
-    of its law that do not run away, ``infeasible_fraction`` of all drawn did. ``prior`` is that of the
-    windows, ``captive`` what captive tests say beside it, ``discrepancy_scales`` how far the
-    coefficients may differ from those of earlier runs [prior sd], see
-    :func:`pymc_ship.inference.trajectory.sequential_likelihood.commensurate_likelihood`; empty without any.
+    ``fit`` (to all runs) and the fits in ``held_out`` have their sds multiplied by ``inflation``; ``draws`` (n_draws,
+    n_coefficients) are feasible; ``discrepancy_scales`` [prior sd] are those of the commensurate prior on earlier runs,
+    see :func:`pymc_ship.inference.trajectory.sequential_likelihood.commensurate_likelihood`.
     """
 
     name: str
@@ -94,22 +91,22 @@ class Candidate:
 
     @property
     def gaussian_likelihood(self) -> GaussianLikelihood:
-        """All that data have said of these coefficients: the windows of the runs, and what stood beside the prior."""
+        """Likelihood of the windows, earlier runs and captive tests."""
         windows = window_likelihood(self.fit, self.fit.prior, self.inflation)
         return joint_likelihood([self.prior.likelihood, windows]) or windows
 
     def densities(self, earlier: Mapping[str, EarlierLikelihood]) -> np.ndarray:
-        """Log predictive density of every run so far, (n_runs,)."""
+        """Log predictive density of earlier and present runs, (n_runs,)."""
         old = [earlier[self.name].log_density] if self.name in earlier else []
         return np.concatenate([*old, self.held_out.log_density])
 
     def likelihood(self, earlier: Mapping[str, EarlierLikelihood]) -> EarlierLikelihood:
-        """Likelihood of all runs so far, for runs to come."""
+        """Likelihood of earlier and present runs, for later identifications."""
         names, prior = tuple(coefficient_names(self.vessel)), self.prior
         return EarlierLikelihood(names, self.gaussian_likelihood, self.densities(earlier), prior.mean, prior.scale)
 
     def member(self, earlier: Mapping[str, EarlierLikelihood]) -> Member:
-        """Member of the ensemble that this term set is."""
+        """Member of the ensemble with this term set."""
         return Member(
             name=self.name,
             vessel=self.vessel,
@@ -129,10 +126,9 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Training:
-    """Thinned trials and what was recognised of them.
+    """Thinned trials with manoeuvres, facilities, and likelihoods of ``earlier`` runs by term set.
 
-    ``earlier`` is what earlier runs said, by term set; ``elsewhere`` that they were at other facilities, ``reloaded``
-    that they were at another draught.
+    ``elsewhere``: the earlier runs were at other facilities; ``reloaded``: at another draught.
     """
 
     trials: list[xr.Dataset]
@@ -147,24 +143,27 @@ class Training:
 
 
 def earlier_runs_remark(best: Candidate, training: Training) -> str:
-    """Sentence on how far the best term set differs from what earlier runs said of it."""
-    shared, *own = best.discrepancy_scales
-    said = f"Earlier runs stand beside the prior. Each coefficient differs from theirs by {shared:.2g} of its prior sd"
-    if own:
+    """Remark on the discrepancy between the best term set and the earlier runs."""
+    shared, *of_facility = best.discrepancy_scales
+    remark = (
+        "The likelihood of earlier runs is included. The discrepancy of each coefficient has an sd of "
+        f"{shared:.2g} of its prior sd"
+    )
+    if of_facility:
         parameters = [best.vessel.parameters[k] for k in per_facility_indices(best.vessel)]
         names = ", ".join(parameter.name for parameter in parameters)
-        said += f", those that may belong to the facility ({names}) by {own[0]:.2g}"
-    said += f" ({best.name})."
+        remark += f", that of the facility's coefficients ({names}) {of_facility[0]:.2g}"
+    remark += f" ({best.name})."
     if training.reloaded:
-        said += (
-            " They were sailed at another draught: a ship of parts is taken to be as many prior sd from what is "
-            "typical as there, and terms of a polynomial know no draught."
+        remark += (
+            " The earlier runs were at another draught: a modular model has the same standardised deviation from its "
+            "prior there, polynomial terms do not depend on the draught."
         )
-    return said
+    return remark
 
 
 def prior_kind_of(vessel: Vessel, kind: str | None) -> str:
-    """The kind of prior asked for (InferenceError if unknown); by default the hull database if a draught is stated."""
+    """Kind of prior (InferenceError if unknown); by default the hull database if a draught is stated."""
     if kind is None:
         return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
     check_choice("The prior of a ship", kind, PRIORS, InferenceError)
@@ -172,39 +171,34 @@ def prior_kind_of(vessel: Vessel, kind: str | None) -> str:
 
 
 def with_prior_knowledge(vessel: Vessel, kind: str) -> Vessel:
-    """Vessel of terms whose coefficients hold what the prior of this kind knows; VesselError without a draught.
-
-    A sister ship's values are known by themselves.
-    """
+    """Polynomial vessel with the prior values of the hull database or rudder; VesselError without a draught."""
     if vessel.modular or kind == "sister_ship":
         return vessel
     return with_hull_database(vessel) if kind == "hull_database" else with_typical_rudder(vessel)
 
 
 def with_recorded_effects(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
-    """Vessel of parts with what the records leave open and without what they cannot tell; others are as they are.
+    """Modular vessel with a current for speeds over ground and fixed nominal revolutions where they do not vary.
 
-    There is a current in every trial where speeds were measured over ground. The nominal revolutions are as stated
-    unless those of the trials vary: alike in all, they tell no more than the approach. TrialError where only some
-    trials measured them.
+    TrialError where only some trials have revolutions.
     """
     if not vessel.modular:
         return vessel
     measured = [revolutions_measured(trial) for trial in trials]
     if any(measured) and not all(measured):
-        silent = ", ".join(str(k + 1) for k, one in enumerate(measured) if not one)
+        silent = ", ".join(str(k + 1) for k, is_measured in enumerate(measured) if not is_measured)
         raise TrialError(
             f"Revolutions are measured in all {len(trials)} runs or in none, found none in run {silent}; "
             "add n there, or leave its column out of the others."
         )
     drifting = any(trial.attrs.get("speeds") == OVER_GROUND for trial in trials)
     current = (CURRENT.name,) if drifting and CURRENT.name not in vessel.parts else ()
-    held = () if all(measured) and _revolutions_vary(trials) else (NOMINAL_REVOLUTIONS,)
-    return with_parts(vessel, (*vessel.parts, *current), {c.name: c for c in vessel.parameters}, held)
+    fixed = () if all(measured) and _revolutions_vary(trials) else (NOMINAL_REVOLUTIONS,)
+    return with_parts(vessel, (*vessel.parts, *current), {c.name: c for c in vessel.parameters}, fixed)
 
 
 def _is_rolling(trials: Sequence[xr.Dataset]) -> bool:
-    """Whether roll can be told from the trials."""
+    """Whether the trials identify roll."""
     measured = all({"p", "phi"} <= set(nonzero_channels(trial)) for trial in trials)
     return measured and any(np.quantile(np.abs(trial["phi"].values), 0.99) > np.deg2rad(ROLL_ANGLE) for trial in trials)
 
@@ -216,38 +210,32 @@ def _revolutions_vary(trials: Sequence[xr.Dataset]) -> bool:
 
 
 def window_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
-    """Prior of a window fit of an informed vessel; a wide one for every coefficient, whatever its order."""
+    """Prior of a window fit: wide for every coefficient of any order, or of a sister ship."""
     return coefficient_prior(trials, vessel, "sister_ship" if kind == "sister_ship" else "order_damped", damping=1.0)
 
 
 def default_term_sets(training: Training) -> tuple[str, ...]:
-    """Term sets that can hold the runs.
-
-    Terms and the hull of the MMG standard method are for a ship that makes way ahead. Parts that hold at any speed have
-    a cross flow in place of the cubic terms: two accounts of the same hull, which differ most where no run has been,
-    and between which the records decide. Where the runs are for the most part at rest or astern, there are the parts
-    alone. A ship that heels is tried with and without roll.
-    """
+    """Term sets that are valid for the runs: modular at any speed alone for runs mostly at rest or astern."""
     if not supports_part_sets(training.vessel):
         return term_sets(training.vessel)
     duration = sum(float(np.ptp(trial["time"].values)) for trial in training.trials)
-    share = sum(_time_ahead(trial, training.vessel) for trial in training.trials) / duration
-    if share < AHEAD_FRACTION:
+    fraction_ahead = sum(_time_ahead(trial, training.vessel) for trial in training.trials) / duration
+    if fraction_ahead < AHEAD_FRACTION:
         return (ANY_SPEED_SET,)
     heeling = (ROLL_SET,) if _is_rolling(training.trials) else ()
     return (*term_sets(training.vessel), *heeling, ANY_SPEED_SET)
 
 
 def _time_ahead(trial: xr.Dataset, vessel: Vessel) -> float:
-    """Length [s] of the pieces of a record in which the ship sails ahead; 0 of one with revolutions astern."""
+    """Duration [s] of the pieces of a record ahead; 0 with revolutions astern."""
     astern = "n" in trial and bool((trial["n"].values < 0.0).any())
-    found = [] if astern else pieces_ahead(trial, ship_scale(trial, vessel))
-    return float(sum(np.ptp(piece["time"].values) for piece in found))
+    pieces = [] if astern else pieces_ahead(trial, ship_scale(trial, vessel))
+    return float(sum(np.ptp(piece["time"].values) for piece in pieces))
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A term set that was left out: why, and where the fitted ship runs away, where it could be fitted."""
+    """A term set that was left out: reason, and the manoeuvre in which the fitted ship diverges."""
 
     name: str
     sentence: str
@@ -256,27 +244,24 @@ class Refusal:
 
 
 def fit_candidates(
-    wanted: Sequence[str], training: Training, rng: np.random.Generator
+    names: Sequence[str], training: Training, rng: np.random.Generator
 ) -> tuple[list[Candidate], list[Refusal]]:
-    """Candidates of the term sets that can be fitted, and refusals of the others; ``rng`` itself stays as it is."""
+    """Candidates of the term sets that can be fitted, and refusals of the others; ``rng`` is not advanced."""
     root = int(deepcopy(rng).integers(2**63))
-    with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(wanted)) as pool:
-        streams = [np.random.default_rng([root, k]) for k in range(len(wanted))]
-        attempts = list(pool.map(lambda name, own: _attempt(name, training, own), wanted, streams))
-    found = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
+    with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(names)) as pool:
+        streams = [np.random.default_rng([root, k]) for k in range(len(names))]
+        attempts = list(pool.map(lambda name, stream: _attempt(name, training, stream), names, streams))
+    candidates = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
-    if not found:
-        said = " ".join(one.sentence for one in refusals)
-        raise FitError(f"No term set can be fitted to these trials: {said}", refusals=refusals)
-    return found, refusals
+    if not candidates:
+        reasons = " ".join(refusal.sentence for refusal in refusals)
+        raise FitError(f"No term set can be fitted to these trials: {reasons}", refusals=refusals)
+    return candidates, refusals
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """A term set with the pieces and windows of the runs that its forces can represent, and its prior.
-
-    ``plain`` is the vessel without what the prior knows of it, from which a fit can begin.
-    """
+    """A term set with pieces and windows of the runs, and its prior; ``plain`` is the vessel without prior values."""
 
     name: str
     plain: Vessel
@@ -293,7 +278,7 @@ class _Problem:
 
 @dataclass(frozen=True)
 class _Combined:
-    """Fit and prior of a term set with the likelihoods that stand beside the prior, see :class:`Candidate`."""
+    """Fit of a term set with the likelihoods of captive tests and earlier runs."""
 
     fit: WindowFit
     prior: CoefficientPrior
@@ -302,11 +287,11 @@ class _Combined:
 
 
 def _attempt(name: str, training: Training, rng: np.random.Generator) -> Candidate | Refusal:
-    """Candidate of a term set, or why there is none; ``rng`` draws the ships that are tried."""
+    """Candidate of a term set, or its refusal."""
     try:
         problem = _with_prior(name, training)
         combined = _combine(problem, _fit(problem), training)
-        candidate = _hold_out(problem, combined, training)
+        candidate = _cross_validate(problem, combined, training)
     except FitError as error:
         return Refusal(name, f"The {name} terms were left out: {error}")
     return _accept(candidate, rng)
@@ -322,11 +307,7 @@ def _with_prior(name: str, training: Training) -> _Problem:
 
 
 def _fit(problem: _Problem) -> WindowFit:
-    """Fit to all windows.
-
-    It begins at the weak form or, where that ship leaves the model's range, at that of the plain vessel with a prior
-    that damps high orders.
-    """
+    """Fit to all windows, from the weak form or, where that diverges, from that with a damped prior."""
 
     def from_weak_form(law: CoefficientPrior) -> WindowFit:
         start = weak_form_start(problem.trials, problem.vessel, law.mean, law.scale, method="rk4")
@@ -341,45 +322,45 @@ def _fit(problem: _Problem) -> WindowFit:
 
 
 def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined:
-    """The fit with the likelihoods of earlier runs and of captive tests beside the prior."""
+    """Fit with the likelihoods of earlier runs and captive tests."""
     prior, vessel = problem.prior, problem.vessel
-    tests, before = None, None
+    captive_fit, earlier_likelihood = None, None
     discrepancy_scales: tuple[float, ...] = ()
     if training.captive is not None:
-        tests = fit_captive(training.captive, vessel, prior)
-        tests = with_discrepancy(tests, prior, fit.coefficients, fit.covariance)
+        captive_fit = fit_captive(training.captive, vessel, prior)
+        captive_fit = with_discrepancy(captive_fit, prior, fit.coefficients, fit.covariance)
     if problem.name in training.earlier:
         earlier = training.earlier[problem.name]
         if training.reloaded and vessel.modular:
             earlier = earlier.at_draught(coefficient_names(vessel), prior)
-        known = np.linalg.inv(fit.information)  # the scatter of a few windows would claim to know too much
-        own = per_facility_indices(vessel) if training.elsewhere else ()
-        before, discrepancy_scales = commensurate_likelihood(
-            earlier.for_vessel(vessel), prior, fit.coefficients, known, own
+        covariance = np.linalg.inv(fit.information)  # without the sandwich, which is too narrow for few windows
+        facility_indices = per_facility_indices(vessel) if training.elsewhere else ()
+        earlier_likelihood, discrepancy_scales = commensurate_likelihood(
+            earlier.for_vessel(vessel), prior, fit.coefficients, covariance, facility_indices
         )
-    beside = joint_likelihood([before, tests.likelihood if tests else None])
-    if beside is not None:
-        prior = replace(prior, likelihood=beside)
+    likelihood = joint_likelihood([earlier_likelihood, captive_fit.likelihood if captive_fit else None])
+    if likelihood is not None:
+        prior = replace(prior, likelihood=likelihood)
         fit = fit_windows(problem.windows, vessel, prior, fit.coefficients, fit.effective_sd)
-    return _Combined(fit, prior, tests, discrepancy_scales)
+    return _Combined(fit, prior, captive_fit, discrepancy_scales)
 
 
-def _hold_out(problem: _Problem, combined: _Combined, training: Training) -> Candidate:
-    """Candidate judged by the runs that are left out in turn, and widened by how far each run moves it."""
+def _cross_validate(problem: _Problem, combined: _Combined, training: Training) -> Candidate:
+    """Candidate with its cross-validation and the inflation of its sds."""
     vessel, whole = problem.vessel, combined.fit
 
     def fit(windows: Sequence[Window]) -> WindowFit:
         return fit_windows(windows, vessel, combined.prior, whole.coefficients, whole.effective_sd)
 
-    shared = _shared(training, vessel) if valid_at_any_speed(vessel) else None
-    judged = cross_validate(folds(problem.runs), vessel, fit, shared)
-    inflation = _inflation(whole, judged)
-    whole, *others = (inflate_covariance(one, inflation) for one in (whole, *judged.fits))
+    scored_windows = _windows_ahead(training, vessel) if valid_at_any_speed(vessel) else None
+    validation = cross_validate(folds(problem.runs), vessel, fit, scored_windows)
+    inflation = _inflation(whole, validation)
+    whole, *others = (inflate_covariance(single_fit, inflation) for single_fit in (whole, *validation.fits))
     return Candidate(
         name=problem.name,
         fit=whole,
         prior=combined.prior,
-        held_out=replace(judged, fits=tuple(others)),
+        held_out=replace(validation, fits=tuple(others)),
         inflation=inflation,
         draws=np.empty((0, whole.coefficients.size)),
         captive=combined.captive,
@@ -388,37 +369,37 @@ def _hold_out(problem: _Problem, combined: _Combined, training: Training) -> Can
 
 
 def _accept(candidate: Candidate, rng: np.random.Generator) -> Candidate | Refusal:
-    """The candidate, or its refusal where the estimate or most draws are not feasible in a standard manoeuvre."""
+    """The candidate, or its refusal where the estimate or most draws diverge in a standard manoeuvre."""
     vessel, fit, name = candidate.vessel, candidate.fit, candidate.name
-    tried = np.vstack([fit.coefficients, randomize_then_optimize(fit, _TRIAL_DRAWS, rng)])
-    good = is_feasible(vessel, tried)
-    if good[0] and good.mean() >= _MIN_FEASIBLE:
+    draws = np.vstack([fit.coefficients, randomize_then_optimize(fit, _TRIAL_DRAWS, rng)])
+    feasible = is_feasible(vessel, draws)
+    if feasible[0] and feasible.mean() >= _MIN_FEASIBLE:
         return candidate
-    failure = first_failure(vessel, tried[np.argmin(good)])
-    share = "" if not good[0] else f" in {100.0 * (1.0 - good.mean()):.0f} % of the draws"
-    sentence = f"The {name} terms were left out: fitted to these trials, they make a ship that runs away{share}"
+    failure = first_failure(vessel, draws[np.argmin(feasible)])
+    fraction = "" if not feasible[0] else f" in {100.0 * (1.0 - feasible.mean()):.0f} % of the draws"
+    sentence = f"The {name} terms were left out: the simulation of the fitted ship diverges{fraction}"
     return Refusal(name, f"{sentence}, {failure}.", vessel, failure)
 
 
-def partial_run_remarks(names: Sequence[str], training: Training, found: Sequence[Candidate]) -> list[str]:
-    """Sentences on the runs of which some sets were fitted to pieces alone."""
-    ahead = [candidate.vessel for candidate in found if not valid_at_any_speed(candidate.vessel)]
-    told = []
+def partial_run_remarks(names: Sequence[str], training: Training, candidates: Sequence[Candidate]) -> list[str]:
+    """Remarks on runs of which pieces alone were fitted."""
+    ahead = [candidate.vessel for candidate in candidates if not valid_at_any_speed(candidate.vessel)]
+    remarks = []
     for name, trial in zip(names, training.trials, strict=True) if ahead else ():
         pieces = modelled_pieces(trial, ahead[0])
         if sum(piece.sizes["time"] for piece in pieces) < trial.sizes["time"]:
             ends = [piece["time"].values[[0, -1]] for piece in pieces]
             spans = " and ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in ends)
-            told.append(
+            remarks.append(
                 f"Run {name}: sets for a ship ahead were fitted to the piece{'s' * (len(ends) > 1)} {spans}; in the "
-                f"rest she is below {SLOW:.0%} of her speed, drifts by more than {DRIFT:g} of it or turns on the spot, "
-                f"or sails ahead for less than {SHORTEST_PIECE:g} L/U."
+                f"rest the ship is below {SLOW:.0%} of its speed, drifts by more than {DRIFT:g} of it, turns on the "
+                f"spot, or moves ahead for less than {SHORTEST_PIECE:g} L/U."
             )
-    return told
+    return remarks
 
 
-def _shared(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None:
-    """Windows of each run in which all sets can be judged: those ahead; None where they are not of every run."""
+def _windows_ahead(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None:
+    """Windows ahead of each run, for the score of all sets; None where a run has none."""
     ahead = [pieces_ahead(trial, ship_scale(trial, vessel)) for trial in training.trials]
     if len(ahead) < 2 or not all(ahead):
         return None
@@ -426,17 +407,14 @@ def _shared(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None
 
 
 def modelled_pieces(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
-    """The pieces of a record that the forces of a vessel hold: all of it, or those in which she sails ahead.
-
-    FitError where none is long enough.
-    """
+    """Pieces of a record in which the forces of a vessel are valid; FitError where none is long enough."""
     if valid_at_any_speed(vessel):
         return [trial]
     scale = ship_scale(trial, vessel)
-    found = pieces_ahead(trial, scale)
-    if not found:
+    pieces = pieces_ahead(trial, scale)
+    if not pieces:
         raise FitError(piece_check(trial, scale).sentence)
-    return found
+    return pieces
 
 
 def longest_modelled_piece(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
@@ -454,34 +432,35 @@ def _windows(pieces: Sequence[xr.Dataset], vessel: Vessel, number: int) -> list[
 
 
 def folds(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
-    """Windows to be held out together: those of a run, or neighbours where there is only one."""
+    """Folds: the windows of a run, or groups of neighbours for a single run."""
     if len(runs) > 1:
         return list(runs)
     parts = np.array_split(np.arange(len(runs[0])), min(_GROUPS, len(runs[0])))
     return [[runs[0][k] for k in part.tolist()] for part in parts if part.size]
 
 
-def _inflation(whole: WindowFit, judged: CrossValidation) -> float:
-    """Factor on the sd of the coefficients from how far they move with each run that is added, 1 or more.
+def _inflation(whole: WindowFit, validation: CrossValidation) -> float:
+    """Factor on the sds, 1 or more: observed over expected change of the coefficients with each run that is added.
 
-    Were model and prior right, the mean of a posterior would be a martingale: a run moves it by the covariance without
-    the run less that with it. Without a prior this is the jackknife over runs, whose windows share what the run has of
-    its own; with one, what a lone run leaves to the prior is no scatter. The traces are taken in the metric of the
-    windows' own information, where what they determine counts and not the prior.
+    Expected change: the covariance without the run minus that with it, as the posterior mean is a martingale. The
+    metric is the information of the windows; without a prior this is the jackknife over runs.
     """
-    known, own = _precisions(whole)
-    covariance = np.linalg.inv(known + own)
-    found = expected = 0.0
-    for fit in judged.fits:
+    prior_precision, window_precision = _precisions(whole)
+    covariance = np.linalg.inv(prior_precision + window_precision)
+    observed = expected = 0.0
+    for fit in validation.fits:
         prior, windows = _precisions(fit)
         spread = np.mean([np.log(sd / whole.effective_sd[name]) for name, sd in fit.effective_sd.items()])
         without = np.linalg.inv(prior + np.exp(2.0 * spread) * windows)
-        moved = fit.coefficients - whole.coefficients
-        found, expected = found + moved @ own @ moved, expected + np.trace(own @ (without - covariance))
-    return float(np.clip(np.sqrt(found / expected), 1.0, LARGEST_INFLATION)) if expected > 0.0 else 1.0
+        change = fit.coefficients - whole.coefficients
+        observed, expected = (
+            observed + change @ window_precision @ change,
+            expected + np.trace(window_precision @ (without - covariance)),
+        )
+    return float(np.clip(np.sqrt(observed / expected), 1.0, LARGEST_INFLATION)) if expected > 0.0 else 1.0
 
 
 def _precisions(fit: WindowFit) -> tuple[np.ndarray, np.ndarray]:
-    """Precision of the coefficients that is the prior's, and that of the windows."""
-    known = fit.information @ fit.from_prior @ fit.information
-    return known, fit.information - known
+    """Precision of the prior, and of the windows."""
+    prior_precision = fit.information @ fit.from_prior @ fit.information
+    return prior_precision, fit.information - prior_precision

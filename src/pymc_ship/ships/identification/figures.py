@@ -1,4 +1,4 @@
-"""Figures of an identified ship: held-out windows, held-out overshoots and how the term sets compare."""
+"""Figures of an identified ship: held-out windows and overshoots, scores of term sets."""
 
 from __future__ import annotations
 
@@ -21,17 +21,14 @@ from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 
 BARS = 0.9
-"""Probability inside the bars of the term sets."""
+"""Probability of the intervals of the term sets."""
 
 _BOOTSTRAPS = 2000
 
 
 @dataclass(frozen=True)
 class HeldOutWindow:
-    """A window of a run.
-
-    Time [s] (n_blocks,), and record and forecast (n_channels, n_blocks) by fits to the other runs.
-    """
+    """A window of a run: time [s] (n_blocks,), record and forecast (n_channels, n_blocks) by the other runs."""
 
     channels: tuple[str, ...]
     time: np.ndarray
@@ -40,43 +37,43 @@ class HeldOutWindow:
 
 
 def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int) -> list[HeldOutWindow]:
-    """Windows of run ``k``, each restarted from its measured state and simulated by the fit that did not see it.
+    """Windows of run ``k``, each restarted from its measured state and simulated by the fit without it.
 
     Parameters
     ----------
     candidate : Candidate
-        Of a model of these trials.
+        Fitted to these trials.
     trials : sequence of Dataset, dims (time,)
-        As they were fitted.
+        Fitted records.
     k : int
         Number of the run, from 0.
 
     Returns
     -------
     list of HeldOutWindow
-        The forecast is NaN where the ship left the model's range.
+        The forecast is NaN after divergence.
     """
     windows = modelled_windows(thin_record(trials[k], candidate.vessel), candidate.vessel)
     fits = [candidate.held_out.fits[k]] * len(windows)
     if len(trials) == 1:
         groups = zip(candidate.held_out.fits, folds([windows]), strict=True)
         fits = [fit for fit, group in groups for _ in group]
-    found = []
+    forecast_windows = []
     for window, fit in zip(windows, fits, strict=True):
         run = window.run
         misfit = window_misfit(window, candidate.vessel, fit.coefficients)
-        found.append(HeldOutWindow(run.channels, run.time, run.means, run.means - misfit))
-    return found
+        forecast_windows.append(HeldOutWindow(run.channels, run.time, run.means, run.means - misfit))
+    return forecast_windows
 
 
 @house_style
 def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
-    """Measured motion of runs against time, and the windows forecast without the run.
+    """Measured motion of runs, and held-out forecasts of their windows.
 
     Parameters
     ----------
     runs : mapping of str to sequence of HeldOutWindow
-        By the name of the run, which heads its column.
+        By the name of the run.
 
     Returns
     -------
@@ -106,7 +103,7 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
 
 @house_style
 def held_out_overshoots(table: xr.Dataset) -> Figure:
-    """Forecast of held-out overshoots against what was measured: angles, and times from reversal to peak.
+    """Forecast against measured overshoots of held-out runs: angles, and times from reversal to peak.
 
     Parameters
     ----------
@@ -116,7 +113,7 @@ def held_out_overshoots(table: xr.Dataset) -> Figure:
     Returns
     -------
     Figure
-        Bars of 95 %; on the diagonal a forecast is right.
+        With intervals of 95 %.
     """
     fig, axes = subplots(8.0, 4.3, 1, 2)
     rows = list(index_rows(table))
@@ -124,8 +121,10 @@ def held_out_overshoots(table: xr.Dataset) -> Figure:
     for ax, (kind, title, unit) in zip(axes[0], panels, strict=True):
         ends = []
         for name, colour, marker in (("first", BLUE, "o"), ("second", RUST, "s")):
-            mine = [row for row in rows if row["index"] == f"{name}_overshoot_{kind}"]
-            measured, forecast, sd = (np.array([row[key] for row in mine]) for key in ("measured", "forecast", "sd"))
+            index_rows_of_kind = [row for row in rows if row["index"] == f"{name}_overshoot_{kind}"]
+            measured, forecast, sd = (
+                np.array([row[key] for row in index_rows_of_kind]) for key in ("measured", "forecast", "sd")
+            )
             style = {"fmt": marker, "ms": 4.5, "color": colour, "capsize": 2.5, "elinewidth": 0.9}
             ax.errorbar(measured, forecast, QUANTILES["95"] * sd, label=f"{name} overshoot", **style)
             ends += [*measured, *(forecast - QUANTILES["95"] * sd), *(forecast + QUANTILES["95"] * sd)]
@@ -141,35 +140,35 @@ def held_out_overshoots(table: xr.Dataset) -> Figure:
 
 
 def score_differences(candidates: Sequence[Candidate], rng: np.random.Generator) -> list[dict]:
-    """Held-out score of each term set less that of the first, per run.
+    """Held-out score (elpd) of each term set minus that of the first, per run.
 
     Parameters
     ----------
     candidates : sequence of Candidate
     rng : numpy.random.Generator
-        Of the Bayesian bootstrap over runs.
+        For the Bayesian bootstrap over runs.
 
     Returns
     -------
     list of dict
-        ``name``, ``differences`` (ndarray, (n_runs,)), ``mean``, ``lower`` and ``upper``; NaN for a set that ran away.
+        ``name``, ``differences`` (ndarray, (n_runs,)), ``mean``, ``lower`` and ``upper``; NaN for a set that diverged.
     """
     first = candidates[0].held_out.log_density
-    shares = rng.dirichlet(np.ones(first.size), _BOOTSTRAPS)
-    found = []
+    run_weights = rng.dirichlet(np.ones(first.size), _BOOTSTRAPS)
+    rows = []
     for candidate in candidates[1:]:
-        apart = candidate.held_out.log_density - first
-        row = {"name": candidate.name, "differences": apart, "mean": np.nan, "lower": np.nan, "upper": np.nan}
-        if np.isfinite(apart).all():
-            ends = np.quantile(shares @ apart, [0.5 - 0.5 * BARS, 0.5 + 0.5 * BARS])
-            row |= {"mean": float(apart.mean()), "lower": float(ends[0]), "upper": float(ends[1])}
-        found.append(row)
-    return found
+        differences = candidate.held_out.log_density - first
+        row = {"name": candidate.name, "differences": differences, "mean": np.nan, "lower": np.nan, "upper": np.nan}
+        if np.isfinite(differences).all():
+            ends = np.quantile(run_weights @ differences, [0.5 - 0.5 * BARS, 0.5 + 0.5 * BARS])
+            row |= {"mean": float(differences.mean()), "lower": float(ends[0]), "upper": float(ends[1])}
+        rows.append(row)
+    return rows
 
 
 @house_style
 def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
-    """Score of each term set less that of the best, in every held-out run, with the mean and its bar.
+    """Score of each term set minus that of the best, in every held-out run, with mean and interval.
 
     Parameters
     ----------
@@ -185,14 +184,14 @@ def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
     fig, axes = subplots(8.0, 1.5 + 0.42 * len(rows))
     ax, colour = axes[0, 0], DOF_COLOURS["surge"]
     ax.axvline(0.0, color=REFERENCE, ls="--", lw=0.9)
-    for place, row in enumerate(rows):
+    for position, row in enumerate(rows):
         if not np.isfinite(row["mean"]):
             settings = {"xycoords": ("axes fraction", "data"), "va": "center", "color": RUST}
-            ax.annotate("a window ran away", (0.02, place), **settings)
+            ax.annotate("a window diverged", (0.02, position), **settings)
             continue
-        ax.plot(row["differences"], np.full(len(row["differences"]), place - 0.16), "|", ms=9, color=RUST)
+        ax.plot(row["differences"], np.full(len(row["differences"]), position - 0.16), "|", ms=9, color=RUST)
         bar = [[row["mean"] - row["lower"]], [row["upper"] - row["mean"]]]
-        ax.errorbar(row["mean"], place + 0.12, xerr=bar, fmt="o", ms=5, color=colour, capsize=3)
+        ax.errorbar(row["mean"], position + 0.12, xerr=bar, fmt="o", ms=5, color=colour, capsize=3)
     ax.set_yticks(range(len(rows)), [row["name"] for row in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     if not np.isfinite([row["mean"] for row in rows]).any():
@@ -208,7 +207,7 @@ def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
 
 @house_style
 def diverging_motion(refusals: Sequence[Refusal]) -> Figure:
-    """Speed and rate of turn of the ships that run away, against time in L/U, and what a ship may reach.
+    """Speed and rate of turn of the diverging ships against time in L/U, with the feasible limits.
 
     Parameters
     ----------
@@ -221,8 +220,12 @@ def diverging_motion(refusals: Sequence[Refusal]) -> Figure:
     """
     fig, axes = subplots(8.0, 4.2, 2, 1, sharex="col")
     speed_axes, turn_axes = axes[:, 0]
-    shown = [(one.name, one.vessel, one.failure.motion) for one in refusals if one.vessel and one.failure]
-    for name, vessel, ship in shown:
+    motions = [
+        (refusal.name, refusal.vessel, refusal.failure.motion)
+        for refusal in refusals
+        if refusal.vessel and refusal.failure
+    ]
+    for name, vessel, ship in motions:
         particulars = vessel.particulars
         speed = np.hypot(ship["u"].values, ship["v"].values)
         time = ship["time"].values / particulars.ship_time
@@ -230,7 +233,7 @@ def diverging_motion(refusals: Sequence[Refusal]) -> Figure:
         turn = ship["r"].values * particulars.L / np.maximum(speed, 1e-3 * particulars.nominal_speed)
         turn_axes.plot(time, turn, color=line.get_color())
     speed_axes.axhline(FASTEST, color=REFERENCE, ls="--", lw=0.9)
-    ahead = not all(valid_at_any_speed(vessel) for _, vessel, _ in shown)
+    ahead = not all(valid_at_any_speed(vessel) for _, vessel, _ in motions)
     for side in (1.0, -1.0) if ahead else ():
         turn_axes.axhline(side / TIGHTEST, color=REFERENCE, ls="--", lw=0.9)
     speed_axes.set_ylabel("speed over nominal")

@@ -1,10 +1,6 @@
-"""Cross-validation over whole runs: a model is fitted to all runs but one and judged on that one.
+"""Leave-one-run-out cross-validation: log predictive density of windows and indices of manoeuvres.
 
-The score of a run is the log predictive density of its windows, restarted from the measured state: the mean over
-windows of a sum over channels, so that each channel of a run counts as one observation. What a model cannot do it
-cannot do in all windows of a run. Whole runs are left out because a window from a run that was trained on knows its
-rudder zero, its weather and its loading. Standard manoeuvres among the runs are forecast in closed loop, too, from the
-approach speed, and their indices compared.
+The score of a run is a mean over windows of a sum over channels: each channel of a run counts as one observation.
 """
 
 from __future__ import annotations
@@ -38,23 +34,23 @@ SCORED_CHANNELS = default_channels(rolling=False)
 """Channels of the score, the same for a model that rolls and one that does not."""
 
 _LOG_2PI = np.log(2.0 * np.pi)
-_READINGS = 40  # draws of the denoised motion of a recorded manoeuvre
+_RECORD_DRAWS = 40  # draws of the denoised motion of a recorded manoeuvre
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """What a model said of runs it was not fitted to.
+    """Fits without each run, and their predictions of it.
 
     Attributes
     ----------
     fits : tuple of WindowFit
-        Fit to all runs but the one of the same place.
+        Fit to all runs but that of the same index.
     coefficients : tuple of ndarray, shape (n_coefficients,)
-        Of each fit, with the constants that the run it has not seen calls for.
+        Of each fit, with the constants (such as current) of the held-out run.
     log_density : ndarray, shape (n_runs,)
-        Log predictive density of each run; minus infinity where a window ran away.
+        Log predictive density of each run; minus infinity with a diverged window.
     rms : dict of str to float
-        Root mean square error of each channel over all held-out windows that did not run away, SI; NaN without any.
+        RMS error of each channel over the held-out windows that did not diverge [SI].
     """
 
     fits: tuple[WindowFit, ...]
@@ -63,7 +59,7 @@ class CrossValidation:
     rms: dict[str, float]
 
     def draws(self, k: int, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws of the fit without run k, with the constants that the run calls for, (count, n_coefficients)."""
+        """Draws of the fit without run k, with the constants of the run, (count, n_coefficients)."""
         return randomize_then_optimize(self.fits[k], count, rng) + self.coefficients[k] - self.fits[k].coefficients
 
 
@@ -71,9 +67,9 @@ def cross_validate(
     runs: Sequence[Sequence[Window]],
     vessel: Vessel,
     fit: Callable[[Sequence[Window]], WindowFit],
-    judged: Sequence[Sequence[Window]] | None = None,
+    scored_windows: Sequence[Sequence[Window]] | None = None,
 ) -> CrossValidation:
-    """Leave each run out once, fit to the others, and score its windows, with the current that it calls for.
+    """Leave each run out once, fit to the others, and score its windows with its own current.
 
     Parameters
     ----------
@@ -81,19 +77,19 @@ def cross_validate(
         Windows of each run; two runs or more.
     vessel : Vessel
     fit : callable
-        Fit to the windows of several runs; or any other estimate of the coefficients from them.
-    judged : sequence of sequence of Window, optional
-        Other windows of each run, by which it is judged.
+        Estimate of the coefficients from the windows of several runs.
+    scored_windows : sequence of sequence of Window, optional
+        Windows of each run for its score; those of ``runs`` by default.
 
     Returns
     -------
-    HeldOut
+    CrossValidation
     """
     fits = []
     for k in range(len(runs)):
         fits.append(fit([window for j, windows in enumerate(runs) if j != k for window in windows]))
-    own = [with_constants(windows, one) for windows, one in zip(runs, fits, strict=True)]
-    return score_folds(judged or runs, vessel, fits, own)
+    run_coefficients = [with_constants(windows, fold) for windows, fold in zip(runs, fits, strict=True)]
+    return score_folds(scored_windows or runs, vessel, fits, run_coefficients)
 
 
 def score_folds(
@@ -102,107 +98,96 @@ def score_folds(
     fits: Sequence[WindowFit],
     coefficients: Sequence[np.ndarray] | None = None,
 ) -> CrossValidation:
-    """Score the windows of each run under the fit of its place, or under coefficients that stand for it."""
-    own = [fit.coefficients for fit in fits] if coefficients is None else coefficients
+    """Score the windows of each run under its fit, or under given coefficients."""
+    run_coefficients = [fit.coefficients for fit in fits] if coefficients is None else coefficients
     misfits = [
-        [window_misfit(window, vessel, values) for window in windows] for windows, values in zip(runs, own, strict=True)
+        [window_misfit(window, vessel, values) for window in windows]
+        for windows, values in zip(runs, run_coefficients, strict=True)
     ]
     square = np.array([np.mean(misfit**2, axis=1) for run in misfits for misfit in run])
-    stayed = np.isfinite(square).all(axis=1)
-    sd = np.sqrt(np.mean(square[stayed], axis=0)) if stayed.any() else np.full(square.shape[1], np.nan)
+    complete = np.isfinite(square).all(axis=1)
+    sd = np.sqrt(np.mean(square[complete], axis=0)) if complete.any() else np.full(square.shape[1], np.nan)
     channels = runs[0][0].run.channels
-    judged = [row for row, name in enumerate(channels) if name in SCORED_CHANNELS]
+    channel_rows = [row for row, name in enumerate(channels) if name in SCORED_CHANNELS]
     log_density = np.array(
-        [np.mean([_log_density(np.mean(misfit[judged] ** 2, axis=1), sd[judged]) for misfit in run]) for run in misfits]
+        [
+            np.mean([_log_density(np.mean(misfit[channel_rows] ** 2, axis=1), sd[channel_rows]) for misfit in run])
+            for run in misfits
+        ]
     )
-    return CrossValidation(tuple(fits), tuple(own), log_density, dict(zip(channels, sd.tolist(), strict=True)))
+    return CrossValidation(
+        tuple(fits), tuple(run_coefficients), log_density, dict(zip(channels, sd.tolist(), strict=True))
+    )
 
 
 def _log_density(square: np.ndarray, sd: np.ndarray) -> float:
-    """Log density of one window: each channel once, at its mean square."""
+    """Log density of one window by the mean square of each channel."""
     if not np.isfinite(square).all():
         return -np.inf
     return float(-np.sum(np.log(sd) + 0.5 * _LOG_2PI + 0.5 * square / sd**2))
 
 
 def recorded_settings(trial: xr.Dataset, vessel: Vessel) -> dict[str, Any]:
-    """Revolutions [1/s] and wind (speed [m/s], from where to the base course [deg]) of a recorded manoeuvre.
-
-    As settings of a simulation: those that were measured and that the forces of the vessel know.
-    """
-    found: dict[str, Any] = {}
+    """Measured revolutions ``n`` [1/s] and ``wind`` (speed [m/s], origin to base course [deg]), if modelled."""
+    settings: dict[str, Any] = {}
     after = trial["time"].values >= first_execute(trial)
     if takes_revolutions(vessel) and revolutions_measured(trial):
-        found["n"] = float(np.median(trial["n"].values[after]))
+        settings["n"] = float(np.median(trial["n"].values[after]))
     if WIND.name in vessel.parts and {"wind_speed", "wind_direction"} <= set(trial.data_vars):
         flow = np.mean((trial["wind_speed"].values * np.exp(1j * trial["wind_direction"].values))[after])
-        found["wind"] = float(np.abs(flow)), float(np.rad2deg(np.angle(flow) - base_course(trial)))
-    return found
+        settings["wind"] = float(np.abs(flow)), float(np.rad2deg(np.angle(flow) - base_course(trial)))
+    return settings
 
 
 def _through_water(
     trial: xr.Dataset, manoeuvre: Manoeuvre, vessel: Vessel, coefficients: np.ndarray
 ) -> tuple[Manoeuvre, np.ndarray, dict]:
-    """A recorded manoeuvre as it was sailed through the water: manoeuvre, coefficients and settings of a simulation.
-
-    Where speeds were measured over ground, the constants of the run hold its current. The approach speed is then less
-    what the current adds along the base course, and the track drifts with the current.
-    """
+    """Manoeuvre, coefficients and settings with the run's current subtracted from the approach speed over ground."""
     settings = recorded_settings(trial, vessel)
     if CURRENT.name not in vessel.parts:
         return manoeuvre, coefficients, settings
-    names, still = coefficient_names(vessel), coefficients.copy()
-    places = [names.index(name) for name in CURRENT_COMPONENTS]
-    drift = vessel.particulars.nominal_speed * complex(*coefficients[0, places])
+    names, in_still_water = coefficient_names(vessel), coefficients.copy()
+    current_indices = [names.index(name) for name in CURRENT_COMPONENTS]
+    drift = vessel.particulars.nominal_speed * complex(*coefficients[0, current_indices])
     drift *= np.exp(-1j * base_course(trial))
-    still[:, places] = 0.0
+    in_still_water[:, current_indices] = 0.0
     settings["current"] = abs(drift), float(np.rad2deg(np.angle(drift)))
-    return replace(manoeuvre, approach_speed=manoeuvre.approach_speed - drift.real), still, settings
+    return replace(manoeuvre, approach_speed=manoeuvre.approach_speed - drift.real), in_still_water, settings
 
 
 def forecast_indices(
-    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float, **around: Any
+    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float, **settings_of_run: Any
 ) -> dict[str, np.ndarray]:
-    """Scored indices of a manoeuvre that the vessel models, for each row of coefficients, each of shape (n_draws,).
-
-    ``around`` are revolutions, wind and current, as of :func:`pymc_ship.simulate`.
-    """
-    settings = simulation_settings(vessel) | around
-    found = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
-    return {name: found[name].values for name in manoeuvre.traits.scored if name in found}
+    """Scored indices of a manoeuvre for each row of coefficients, shape (n_draws,), with settings of a simulation."""
+    settings = simulation_settings(vessel) | settings_of_run
+    simulated = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
+    return {name: simulated[name].values for name in manoeuvre.traits.scored if name in simulated}
 
 
 def recorded_indices(trial: xr.Dataset, manoeuvre: Manoeuvre, rudder_delay: float = 0.0) -> dict[str, float]:
-    """Scored indices of a recorded standard manoeuvre; NaN where the record ends before them or lacks a channel.
-
-    A zigzag that was steered by hand was reversed ``rudder_delay`` [s] before its rudder moved.
-    """
-    found = measured_indices(trial, manoeuvre.attrs | {"rudder_delay": rudder_delay})
-    return {name: found.get(name, np.nan) for name in manoeuvre.traits.scored}
+    """Scored indices of a recorded standard manoeuvre, NaN where missing; ``rudder_delay`` [s] of the steering gear."""
+    measured = measured_indices(trial, manoeuvre.attrs | {"rudder_delay": rudder_delay})
+    return {name: measured.get(name, np.nan) for name in manoeuvre.traits.scored}
 
 
 def index_noise_sd(trial: xr.Dataset, manoeuvre: Manoeuvre, delay: float, rng: np.random.Generator) -> dict[str, float]:
-    """Standard deviation of each index of a recorded manoeuvre over draws of its denoised motion.
-
-    Indices that no draw reaches have none, nor has a record that cannot be denoised; ``delay`` [s] is that of the
-    steering gear.
-    """
-    drawn = index_draws(trial, manoeuvre.attrs | {"rudder_delay": delay}, draws=_READINGS, rng=rng)
-    return {name: float(np.std(values)) for name, values in drawn.items()}
+    """Sd of each index over draws of the denoised motion; ``delay`` [s] of the steering gear."""
+    draws_by_index = index_draws(trial, manoeuvre.attrs | {"rudder_delay": delay}, draws=_RECORD_DRAWS, rng=rng)
+    return {name: float(np.std(values)) for name, values in draws_by_index.items()}
 
 
 def unscored_run_remarks(
     trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | None], vessel: Vessel
 ) -> list[str]:
-    """Sentences on runs without held-out indices, as no manoeuvre is recognised, and on channels not modelled."""
-    found = [
-        f"Run {name}: {unrecognised_text(trial)} It is fitted, but no index of it is held out."
+    """Remarks on runs without a recognised manoeuvre, and on roll that is not modelled."""
+    remarks = [
+        f"Run {name}: {unrecognised_text(trial)} The fit uses it, but no index is compared."
         for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True)
         if manoeuvre is None
     ]
     recorded = dict.fromkeys(name for trial in trials.values() for name in nonzero_channels(trial))
-    unrolled = "" if "roll" in vessel.dofs else unmodelled_roll_text(recorded)
-    return [*found, unrolled] if unrolled else found
+    roll_remark = "" if "roll" in vessel.dofs else unmodelled_roll_text(recorded)
+    return [*remarks, roll_remark] if roll_remark else remarks
 
 
 def forecast_rows(
@@ -213,7 +198,7 @@ def forecast_rows(
     weight: np.ndarray,
     noise: Mapping[str, float] = MappingProxyType({}),
 ) -> list[dict]:
-    """Indices of a held-out run beside their forecast.
+    """Measured indices of a held-out run and their forecasts.
 
     Parameters
     ----------
@@ -222,38 +207,40 @@ def forecast_rows(
     trial : Dataset, dims (time,)
     manoeuvre : Manoeuvre
     models : sequence of (Vessel, ndarray of shape (1 + n_draws, n_coefficients))
-        Fits made without the run, with the constants that the run calls for: the estimate, then draws.
+        Fits without the run, with its constants: the estimate, then draws.
     weight : ndarray, shape (n_models,)
     noise : mapping of str to float, optional
-        Standard deviation of the measured indices, from :func:`index_noise_sd`; exact ones by default.
+        Sd of the measured indices, from :func:`index_noise_sd`; 0 by default.
 
     Returns
     -------
     list of dict
         ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between
-        the models), ``measured_sd`` and ``scale``, for every index that the run and all models reach that have it:
-        models without roll say nothing of its angle.
+        the models), ``measured_sd`` and ``scale``, for every index that the run and all models with it reach.
     """
     duration = float(np.ptp(trial["time"].values))
-    found = []
+    forecasts = []
     for vessel, coefficients in models:
-        approached, still, around = _through_water(trial, manoeuvre, vessel, coefficients)
-        found.append(forecast_indices(vessel, still, approached, duration, **around))
+        adjusted, in_still_water, settings_of_run = _through_water(trial, manoeuvre, vessel, coefficients)
+        forecasts.append(forecast_indices(vessel, in_still_water, adjusted, duration, **settings_of_run))
     rows = []
     delay = models[0][0].particulars.rudder_delay
     for name, measured in recorded_indices(trial, manoeuvre, delay).items():
-        having = [k for k, values in enumerate(found) if name in values]
-        if not having:
+        models_with_index = [k for k, values in enumerate(forecasts) if name in values]
+        if not models_with_index:
             continue
-        share, drawn = weight[having] / weight[having].sum(), [found[k][name] for k in having]
-        mean = np.array([values[0] for values in drawn])
-        sd = np.array([robust_sd(values[1:]) for values in drawn])
-        forecast = float(share @ mean)
+        weights, index_draws = (
+            weight[models_with_index] / weight[models_with_index].sum(),
+            [forecasts[k][name] for k in models_with_index],
+        )
+        mean = np.array([values[0] for values in index_draws])
+        sd = np.array([robust_sd(values[1:]) for values in index_draws])
+        forecast = float(weights @ mean)
         kind = manoeuvre.traits.indices[name].quantity
         scale = float(index_scale(kind, measured, manoeuvre.heading_deg, models[0][0]))
         if np.isfinite([measured, forecast, *sd]).all() and scale > 0.0:
-            between = float(np.sqrt(share @ (mean - forecast) ** 2))
+            between = float(np.sqrt(weights @ (mean - forecast) ** 2))
             row: dict[str, Any] = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": kind}
-            row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(share @ sd**2))}
+            row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(weights @ sd**2))}
             rows.append(row | {"model_sd": between, "measured_sd": noise.get(name, 0.0), "scale": scale})
     return rows

@@ -14,7 +14,7 @@ OVERSHOOTS = ("first_overshoot", "second_overshoot")
 """Overshoots whose angles and times are summarised."""
 
 QUANTILES = {"90": 1.6448536269514722, "95": 1.959963984540054}
-"""Half the width of a normal interval in sd, by its probability in %."""
+"""Normal quantiles of central intervals, by probability [%]."""
 
 
 def overshoot_errors(rows: Sequence[Mapping]) -> dict[str, float]:
@@ -34,19 +34,19 @@ def overshoot_errors(rows: Sequence[Mapping]) -> dict[str, float]:
     def errors(name: str) -> np.ndarray:
         return np.array([abs(row["forecast"] - row["measured"]) for row in rows if row["index"] == name])
 
-    found = {}
+    summary = {}
     for name in OVERSHOOTS:
         angle = errors(f"{name}_angle")
-        found[f"{name}_angle_mean"] = float(angle.mean()) if angle.size else np.nan
-        found[f"{name}_angle_max"] = float(angle.max()) if angle.size else np.nan
+        summary[f"{name}_angle_mean"] = float(angle.mean()) if angle.size else np.nan
+        summary[f"{name}_angle_max"] = float(angle.max()) if angle.size else np.nan
     times = [f"{name}_time" for name in OVERSHOOTS]
     relative = [abs(row["forecast"] / row["measured"] - 1.0) for row in rows if row["index"] in times]
-    found["overshoot_time_median"] = 100.0 * float(np.median(relative)) if relative else np.nan
-    return found
+    summary["overshoot_time_median"] = 100.0 * float(np.median(relative)) if relative else np.nan
+    return summary
 
 
 def index_error_rows(table: xr.Dataset) -> list[dict]:
-    """Indices of held-out manoeuvres with their errors, and how far the intervals owe to the run itself.
+    """Indices of held-out manoeuvres with their errors.
 
     Parameters
     ----------
@@ -56,21 +56,21 @@ def index_error_rows(table: xr.Dataset) -> list[dict]:
     Returns
     -------
     list of dict
-        With ``error`` and ``z``, and ``leave_one_out_sd``: the sd whose model error comes from the other runs alone.
+        With ``error``, ``z`` and ``leave_one_out_sd``, the sd with the model error of the other runs alone.
     """
-    rows, known = [], list(index_rows(table))
-    for row in known:
-        others = model_error([other for other in known if other["run"] != row["run"]])
+    rows, indices = [], list(index_rows(table))
+    for row in indices:
+        others = model_error([other for other in indices if other["run"] != row["run"]])
         error = row["forecast"] - row["measured"]
-        found = dict(row) | {"error": error, "z": error / row["sd"]}
-        rows.append(found | {"leave_one_out_sd": index_sd(row, others)})
+        with_error = dict(row) | {"error": error, "z": error / row["sd"]}
+        rows.append(with_error | {"leave_one_out_sd": index_sd(row, others)})
     return rows
 
 
 def coverage(rows: Sequence[Mapping]) -> dict[str, int]:
     """Number of 90 and 95 % intervals that cover; ``_leave_one_out``: with the model error of the other runs alone."""
-    found = {}
-    for share, z in QUANTILES.items():
-        found[share] = sum(abs(row["z"]) <= z for row in rows)
-        found[f"{share}_leave_one_out"] = sum(abs(row["error"]) <= z * row["leave_one_out_sd"] for row in rows)
-    return found
+    counts = {}
+    for probability, z in QUANTILES.items():
+        counts[probability] = sum(abs(row["z"]) <= z for row in rows)
+        counts[f"{probability}_leave_one_out"] = sum(abs(row["error"]) <= z * row["leave_one_out_sd"] for row in rows)
+    return counts

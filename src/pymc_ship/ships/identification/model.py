@@ -1,9 +1,7 @@
 """Identification of a real ship from several trials: an ensemble of models, weighted and widened by held-out runs.
 
-No polynomial is the true force of a ship. Several term sets are fitted to windows of all runs; each is weighted by the
-log predictive density of runs it was not fitted to (pseudo-BMA+, Yao et al. 2018, doi:10.1214/17-BA1091): each channel
-of a run counts as one observation, since what a term set cannot do it cannot do in all windows of a run. The spread
-between the sets is one part of the model error, the other is what the indices of held-out manoeuvres show beyond it.
+Pseudo-BMA+ weights (Yao et al. 2018, doi:10.1214/17-BA1091). Model error: spread of the term sets, and errors of the
+indices of held-out manoeuvres beyond it.
 """
 
 from __future__ import annotations
@@ -47,11 +45,11 @@ from pymc_ship.ships.identification.held_out import forecast_rows, index_noise_s
 from pymc_ship.ships.identification.open_loop import measured_states, reading_noise_sd, simulate_open_loop
 from pymc_ship.trial.record import facility_of, sampling_interval, trial_list
 
-_REPLAYS = 40  # draws of a held-out run from each window on
+_REPLAYS = 40  # draws of a replay of a held-out run
 _FORECASTS = 100  # draws of a held-out forecast
-_COUNTED = 0.01  # least weight of a term set that takes part in it
+_COUNTED = 0.01  # least weight of a term set in a held-out forecast
 _BOOTSTRAPS = 2000
-_PRIOR_DRAWS = 500  # beside captive tests
+_PRIOR_DRAWS = 500  # for the comparison with captive tests
 _ATTEMPTS = 50
 
 
@@ -62,24 +60,23 @@ class ShipIdentification:
     Attributes
     ----------
     ship : Ship
-        What forecasts and later runs take.
+        For forecasts and later identifications.
     vessel : Vessel
-        As given, with the steering gear as it was measured, at the first facility.
+        With the measured steering gear of the first facility.
     names : tuple of str
         Of the runs.
     manoeuvres : tuple of Manoeuvre or None
-        What each run was recognised as.
+        Recognised manoeuvre of each run.
     candidates : tuple of Candidate
         By falling weight; those of weight 0 have no draws.
     refusals : tuple of Refusal
         Term sets that were left out.
     held_out_indices : Dataset, dims (run, index)
-        Indices of held-out manoeuvres of these runs, see :func:`pymc_ship.ships.ensemble.index_table.index_table`, with
-        the ``sd`` of each error, model error and all.
+        Indices of held-out manoeuvres, with the ``sd`` of each error, including model error.
     quality_flags : dict of str to str
-        Of the records, see :func:`pymc_ship.records.files.quality_flags.quality_flags`.
+        Of the records.
     captive : Dataset or None
-        The captive tests that were given.
+        Captive tests.
     """
 
     ship: Ship
@@ -109,27 +106,25 @@ def identify_ship(
     rng: Seed,
     progress: Callable[[str], None] = lambda _: None,
 ) -> ShipIdentification:
-    """Identify a real ship from several trials, with intervals that hold model error.
+    """Identify a real ship from several trials, with model error.
 
     Parameters
     ----------
     trials : sequence of Dataset, dims (time,)
         Checked and corrected records with u, v, r, psi and delta; p and phi where the vessel rolls.
     vessel : Vessel, str or Path
-        Particulars, inertia, propeller. Coefficients with an ``sd`` are taken as known so far.
+        Particulars, inertia, propeller; coefficients with an ``sd`` are priors.
     names : sequence of str, optional
         Of the trials; numbers by default.
     terms : sequence of str, optional
-        Of :func:`pymc_ship.physics.vessel.term_sets.term_sets` or "own terms"; by default all sets the vessel can have.
+        Of :func:`pymc_ship.physics.vessel.term_sets.term_sets` or "own terms"; by default all that the vessel supports.
     prior : {"hull_database", "order_damped", "sister_ship"} or Ship, optional
-        Of the coefficients without an ``sd``: what captive tests of other ships say of the hull, see
-        :func:`pymc_ship.physics.vessel.hull_database.hull_coefficients`, and wide about 0 for the rest; wide about 0
-        for all; or about the values of the vessel file. By default the first where the vessel states her draught, the
-        second else. Or the ship as earlier runs identified her: their term sets, with what they said beside their
-        prior. Her coefficients may have changed since, each by a share of its prior sd, the most probable one.
+        Prior of the coefficients without an ``sd``: hull regression from captive tests of other ships
+        (:func:`pymc_ship.physics.vessel.hull_database.hull_coefficients`), by default where the draught is stated; wide
+        about 0, else by default; or about the values of the vessel file. A Ship adds the likelihood of its earlier
+        runs, with a commensurate prior on changes of the coefficients.
     captive : Dataset, dims (test,), optional
-        Captive tests of her model, from :func:`pymc_ship.read_captive`: they stand beside the prior of every term set
-        with a noise of their own, that of the term set on them.
+        Captive tests from :func:`pymc_ship.read_captive`; their likelihood, with its own noise, joins the prior.
     draws : int, optional
         Of the whole ensemble.
     rng : int, SeedSequence or Generator
@@ -145,10 +140,10 @@ def identify_ship(
     TrialError
         For trials that are too short or lack a channel, or none.
     FitError
-        When no term set can be fitted, or all of them run away.
+        When no term set can be fitted, or all of them diverge.
     VesselError, InferenceError
-        For unknown term sets or priors, the hull database without a draught, or term sets or captive tests that do not
-        go with an earlier ship.
+        For unknown term sets or priors, the hull database without a draught, or term sets or captive tests that an
+        earlier ship excludes.
 
     Examples
     --------
@@ -170,40 +165,40 @@ def identify_ship(
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     if not trials or len(names) != len(trials) or draws < 2:
         raise TrialError(
-            f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
+            f"An identification needs one trial or more, a name for each, and two draws or more, found "
             f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
         )
     kind = prior_kind_of(vessel, (prior.prior if isinstance(prior, Ship) else prior) or None)
-    training = _after(before, replace(_prepared(trials, vessel, kind), captive=captive))
-    wanted = tuple(dict.fromkeys(terms or training.earlier or default_term_sets(training)))
-    _check_goes_with(before, wanted, captive)
-    progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
-    found, refusals = fit_candidates(wanted, training, rng)
-    fullest_vessel = most_dofs(candidate.vessel for candidate in found)
+    training = _with_earlier_runs(before, replace(_prepare(trials, vessel, kind), captive=captive))
+    term_set_names = tuple(dict.fromkeys(terms or training.earlier or default_term_sets(training)))
+    _check_earlier(before, term_set_names, captive)
+    progress(f"term sets {'; '.join(term_set_names)}: fits to all of {len(trials)} runs and to all but one")
+    candidates, refusals = fit_candidates(term_set_names, training, rng)
+    fullest_vessel = most_dofs(candidate.vessel for candidate in candidates)
     remarks = [
         *vessel_remarks(fullest_vessel),
-        *(one.sentence for one in refusals),
-        *partial_run_remarks(names, training, found),
+        *(refusal.sentence for refusal in refusals),
+        *partial_run_remarks(names, training, candidates),
     ]
     progress("weights and model error from held-out runs")
-    found = _weighted(found, training.earlier, rng)
-    rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
+    candidates = _with_weights(candidates, training.earlier, rng)
+    rows = _held_out_indices(candidates, training, names, rng) if len(trials) > 1 else []
     all_rows = [*(index_rows(before.held_out_indices) if before else ()), *rows]
     errors = model_error(all_rows)
     remarks += unscored_run_remarks(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
     remarks += [] if all_rows else [_NOTHING_HELD_OUT]
-    progress("draws that do not run away")
-    found = sorted(_drawn(found, draws, rng), key=lambda candidate: -candidate.weight)
-    remarks += [] if captive is None else _beside_captive(captive, found[0])
-    remarks += [earlier_runs_remark(found[0], training)] if training.earlier else []
-    moved = motion_error(_held_out_motion(found, training, rng), vessel)
-    known_facilities = before.facilities if before else {}
+    progress("feasible draws")
+    candidates = sorted(_draw_feasible(candidates, draws, rng), key=lambda candidate: -candidate.weight)
+    remarks += [] if captive is None else _captive_remarks(captive, candidates[0])
+    remarks += [earlier_runs_remark(candidates[0], training)] if training.earlier else []
+    new_motion_error = motion_error(_held_out_motion(candidates, training, rng), vessel)
+    earlier_facilities = before.facilities if before else {}
     ship = Ship(
-        members=tuple(candidate.member(training.earlier) for candidate in found),
+        members=tuple(candidate.member(training.earlier) for candidate in candidates),
         motion=_motion(training, fullest_vessel, before),
         index_error=errors,
-        motion_error=before.motion_error if before and training.earlier and len(trials) == 1 else moved,
-        facilities=training.facilities | {k: v for k, v in known_facilities.items() if k not in training.facilities},
+        motion_error=before.motion_error if before and training.earlier and len(trials) == 1 else new_motion_error,
+        facilities=training.facilities | {k: v for k, v in earlier_facilities.items() if k not in training.facilities},
         remarks=tuple(remarks),
         prior=training.prior,
         held_out_indices=index_table(all_rows),
@@ -214,7 +209,7 @@ def identify_ship(
         vessel=training.vessel,
         names=names,
         manoeuvres=tuple(training.manoeuvres),
-        candidates=tuple(found),
+        candidates=tuple(candidates),
         refusals=tuple(refusals),
         held_out_indices=index_table([row | {"sd": index_sd(row, errors)} for row in rows]),
         quality_flags=quality_flags(trials, names),
@@ -223,36 +218,32 @@ def identify_ship(
 
 
 _NOTHING_HELD_OUT = (
-    "No run of a standard manoeuvre was held out: beside the spread of the term sets and of the windows, the "
-    "intervals hold the error of a whole manoeuvre that is typical of other ships, not that of this one."
+    "No run of a standard manoeuvre was held out: the intervals include the spread of term sets and windows, and the "
+    "typical model error of other ships instead of that of this ship."
 )
 
 
-def _beside_captive(tests: xr.Dataset, best: Candidate) -> list[str]:
-    """Sentence on how far the coefficients differ between the captive tests and the trials."""
+def _captive_remarks(tests: xr.Dataset, best: Candidate) -> list[str]:
+    """Remark on the discrepancy between captive tests and trials."""
     if best.captive is None:
         return []
     return [
-        f"{tests.sizes['test']} captive tests stand beside the prior of every term set; held-out runs are "
-        "forecast with them, too. Each coefficient differs between carriage and ship by "
+        f"{tests.sizes['test']} captive tests are part of the likelihood of every term set, also in the forecasts of "
+        "held-out runs. The discrepancy of each coefficient between captive tests and ship has an sd of "
         f"{best.captive.discrepancy_scale:.2g} of its prior sd ({best.name})."
     ]
 
 
-def captive_comparison(found: ShipIdentification, rng: Seed) -> xr.Dataset | None:
-    """Captive tests beside the forces of the candidate that weighs most, before and after it was fitted.
-
-    See :func:`pymc_ship.inference.captive.comparison.captive_bands`; drawn by "prior alone" and as "identified". None
-    without captive tests.
-    """
-    best = found.candidates[0]
-    if found.captive is None or best.captive is None:
+def captive_comparison(result: ShipIdentification, rng: Seed) -> xr.Dataset | None:
+    """Captive tests and the forces of the best candidate by "prior alone" and as "identified"; None without tests."""
+    best = result.candidates[0]
+    if result.captive is None or best.captive is None:
         return None
     draws = {"prior alone": best.prior.draw(_PRIOR_DRAWS, random_generator(rng)), "identified": best.draws}
-    return captive_bands(found.captive, best.vessel, draws, revolutions=best.captive.revolutions)
+    return captive_bands(result.captive, best.vessel, draws, revolutions=best.captive.revolutions)
 
 
-def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Training:
+def _prepare(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Training:
     for trial in trials:
         motion_record(trial, vessel)
     manoeuvres, facilities = recognise_by_facility(trials, vessel)
@@ -260,8 +251,8 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Train
     return Training([thin_record(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
 
 
-def _after(before: Ship | None, training: Training) -> Training:
-    """Training with the likelihood of earlier runs, and whether facility and draught are theirs."""
+def _with_earlier_runs(before: Ship | None, training: Training) -> Training:
+    """Training with the likelihood of earlier runs, and whether facility and draught have changed."""
     if before is None or not before.likelihoods:
         return training
     here, there = (ship.vessel.particulars for ship in (training, before))
@@ -270,43 +261,45 @@ def _after(before: Ship | None, training: Training) -> Training:
     return replace(training, earlier=before.likelihoods, reloaded=reloaded, elsewhere=elsewhere)
 
 
-def _check_goes_with(before: Ship | None, wanted: Sequence[str], captive: xr.Dataset | None) -> None:
-    """Refuse term sets without a likelihood of the earlier runs, and captive tests that are part of it already."""
+def _check_earlier(before: Ship | None, names: Sequence[str], captive: xr.Dataset | None) -> None:
+    """Refuse term sets without a likelihood of earlier runs, and captive tests used twice."""
     earlier = before.likelihoods if before else {}
-    unknown = [name for name in wanted if name not in earlier]
-    if earlier and unknown:
+    without_likelihood = [name for name in names if name not in earlier]
+    if earlier and without_likelihood:
         raise InferenceError(
-            f"Earlier runs were identified with {'; '.join(earlier)}, found {unknown[0]!r} asked for; choose of "
-            "theirs, or identify all runs together."
+            f"The term sets must be those of the earlier runs, {'; '.join(earlier)}, found "
+            f"{without_likelihood[0]!r}; choose one of them, or identify all runs together."
         )
     if captive is not None and before is not None and before.uses_captive_tests:
-        raise InferenceError("Captive tests stand beside the earlier runs already; leave them out.")
+        raise InferenceError(
+            "Captive tests can be used once, found them in the earlier identification, too; leave them out."
+        )
 
 
-def _weighted(
-    found: Sequence[Candidate], earlier: Mapping[str, EarlierLikelihood], rng: np.random.Generator
+def _with_weights(
+    candidates: Sequence[Candidate], earlier: Mapping[str, EarlierLikelihood], rng: np.random.Generator
 ) -> list[Candidate]:
-    """Pseudo-BMA+: mean over Bayesian bootstraps of the runs of weights proportional to the predictive density."""
-    density = np.array([candidate.densities(earlier) for candidate in found])
-    shares = rng.dirichlet(np.ones(density.shape[1]), _BOOTSTRAPS)
+    """Pseudo-BMA+: mean over Bayesian bootstraps of weights proportional to the predictive density."""
+    density = np.array([candidate.densities(earlier) for candidate in candidates])
+    run_weights = rng.dirichlet(np.ones(density.shape[1]), _BOOTSTRAPS)
     finite = np.where(np.isfinite(density), density, -1e9)
-    total = density.shape[1] * shares @ finite.T
+    total = density.shape[1] * run_weights @ finite.T
     weight = np.exp(total - total.max(axis=1, keepdims=True))
     weight = np.mean(weight / weight.sum(axis=1, keepdims=True), axis=0)
-    return [replace(candidate, weight=float(w)) for candidate, w in zip(found, weight, strict=True)]
+    return [replace(candidate, weight=float(w)) for candidate, w in zip(candidates, weight, strict=True)]
 
 
 def _held_out_indices(
-    found: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
+    candidates: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
 ) -> list[dict]:
-    """Indices of every recognised manoeuvre, forecast by the fits that were made without it."""
-    counted = [candidate for candidate in found if candidate.weight > _COUNTED]
-    weight = np.array([candidate.weight for candidate in counted])
+    """Indices of every recognised manoeuvre, forecast by the fits without its run."""
+    selected = [candidate for candidate in candidates if candidate.weight > _COUNTED]
+    weight = np.array([candidate.weight for candidate in selected])
     rows = []
     for k, (trial, manoeuvre) in enumerate(zip(training.trials, training.manoeuvres, strict=True)):
         if manoeuvre is not None:
             gear, models = training.facilities[facility_of(trial)], []
-            for candidate in counted:
+            for candidate in selected:
                 coefficients = np.vstack(
                     [candidate.held_out.coefficients[k], candidate.held_out.draws(k, _FORECASTS, rng)]
                 )
@@ -317,46 +310,46 @@ def _held_out_indices(
 
 
 def _held_out_motion(
-    found: Sequence[Candidate], training: Training, rng: np.random.Generator
+    candidates: Sequence[Candidate], training: Training, rng: np.random.Generator
 ) -> Iterator[OpenLoopSimulation]:
-    """Every run from each window on, sailed by the fits that were made without it."""
+    """Replays of every run from each window on by the fits without the run."""
     if len(training.trials) < 2:
         return
     unit = training.vessel.particulars.ship_time
     for k, trial in enumerate(training.trials):
-        drawn = [(c.vessel, c.held_out.draws(k, round(_REPLAYS * c.weight), rng)) for c in found]
+        models = [(c.vessel, c.held_out.draws(k, round(_REPLAYS * c.weight), rng)) for c in candidates]
         time, noise = trial["time"].values, reading_noise_sd(trial)
         for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
-            place = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
-            if place.stop - place.start > 1:
-                states = [simulate_open_loop(vessel, draws, trial, place) for vessel, draws in drawn if len(draws)]
-                since, seen = time[place] - time[begin], measured_states(trial, place)
-                yield OpenLoopSimulation(since, np.concatenate(states, axis=1), seen, noise)
+            samples = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
+            if samples.stop - samples.start > 1:
+                states = [simulate_open_loop(vessel, draws, trial, samples) for vessel, draws in models if len(draws)]
+                lead, measured = time[samples] - time[begin], measured_states(trial, samples)
+                yield OpenLoopSimulation(lead, np.concatenate(states, axis=1), measured, noise)
 
 
-def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:
-    """Deal the draws to the candidates by weight and draw until as many are sound."""
-    exact = draws * np.array([candidate.weight for candidate in found])
+def _draw_feasible(candidates: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:
+    """Candidates with feasible draws in proportion to their weights."""
+    exact = draws * np.array([candidate.weight for candidate in candidates])
     counts = np.floor(exact).astype(int)
     counts[np.argsort(counts - exact)[: draws - counts.sum()]] += 1
-    drawn = []
-    for candidate, count in zip(found, counts, strict=True):
-        kept, tried = np.empty((0, candidate.fit.coefficients.size)), 0
-        while len(kept) < count and tried < _ATTEMPTS * count:
+    with_draws = []
+    for candidate, count in zip(candidates, counts, strict=True):
+        feasible, n_tried = np.empty((0, candidate.fit.coefficients.size)), 0
+        while len(feasible) < count and n_tried < _ATTEMPTS * count:
             batch = randomize_then_optimize(candidate.fit, int(count), rng)
-            kept, tried = np.vstack([kept, batch[is_feasible(candidate.vessel, batch)]]), tried + int(count)
-        if len(kept) < count:
+            feasible, n_tried = np.vstack([feasible, batch[is_feasible(candidate.vessel, batch)]]), n_tried + int(count)
+        if len(feasible) < count:
             raise FitError(
-                f"Of the draws of the {candidate.name} terms, {len(kept)} of {tried} do not run away in a standard "
-                "manoeuvre; give more trials or a prior."
+                f"The {candidate.name} terms need {count} feasible draws, found {len(feasible)} of {n_tried}: the "
+                "others diverge in a standard manoeuvre; add trials or a prior."
             )
-        share = 1.0 - len(kept) / tried if tried else 0.0
-        drawn.append(replace(candidate, draws=kept[:count], infeasible_fraction=share))
-    return drawn
+        infeasible = 1.0 - len(feasible) / n_tried if n_tried else 0.0
+        with_draws.append(replace(candidate, draws=feasible[:count], infeasible_fraction=infeasible))
+    return with_draws
 
 
 def _motion(training: Training, vessel: Vessel, before: Ship | None) -> xr.DataArray:
-    """Prime motion of all runs so far at every fifth sample."""
+    """Prime motion of earlier and present runs at every fifth sample."""
     rows = [] if before is None or before.motion is None else [before.motion.values]
     for trial in training.trials:
         prime, _, _ = prime_record(vessel, motion_record(trial.isel(time=slice(None, None, 5)), vessel))

@@ -1,4 +1,4 @@
-"""Ships along the measured inputs of a record, restarted from its measured state."""
+"""Open-loop simulation along the measured inputs of a record."""
 
 from __future__ import annotations
 
@@ -14,25 +14,24 @@ from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 
-def simulate_open_loop(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, place: slice) -> np.ndarray:
-    """States of ships along a piece of a record.
+def simulate_open_loop(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, samples: slice) -> np.ndarray:
+    """Simulate draws along the measured inputs of a piece of a record.
 
     Parameters
     ----------
     vessel : Vessel
     coefficients : ndarray, shape (n_draws, n_coefficients)
     trial : Dataset, dims (time,)
-        The whole record; its inputs are those of :func:`pymc_ship.physics.motion.inputs.recorded_inputs`.
-    place : slice
-        Samples of the piece; its first, smoothed, is where the ships begin.
+        The whole record.
+    samples : slice
+        Samples of the piece; the initial state is the first one, smoothed.
 
     Returns
     -------
     ndarray, shape (8, n_draws, n_time)
-        SI units and rad; a ship that runs away is NaN throughout. Track and heading begin at 0 where they were not
-        measured.
+        SI units and rad; NaN throughout for a diverged draw. Track and heading start at 0 where not measured.
     """
-    piece, inputs = trial.isel(time=place), recorded_inputs(trial, vessel)[:, place]
+    piece, inputs = trial.isel(time=samples), recorded_inputs(trial, vessel)[:, samples]
     interval, unit = sampling_interval(piece), vessel.particulars.ship_time
     initial = np.zeros((len(coefficients), len(STATE)))
     rolls = "roll" in vessel.dofs
@@ -44,21 +43,20 @@ def simulate_open_loop(vessel: Vessel, coefficients: np.ndarray, trial: xr.Datas
 
 
 def reading_noise_sd(trial: xr.Dataset) -> np.ndarray:
-    """Standard deviation of the readings about a replay of the true ship, (8,) [SI, rad]; 0 where nothing was measured.
+    """Sd of the measured states about a replay of the true ship, (8,) [SI, rad]; 0 for unmeasured channels.
 
-    A replay begins at smoothed velocities, but at a single reading of heading and track. The noise of that reading
-    shifts the whole replay, so that theirs counts twice.
+    The variance of heading, roll and track counts twice: the initial state of a replay has their noise, too.
     """
     sd = np.zeros(len(STATE))
     for k, name in enumerate(STATE):
-        seen = trial[name].dropna("time").values if name in trial else np.empty(0)
-        if seen.size > 2:
-            sd[k] = float(second_difference_sd(seen))
+        values = trial[name].dropna("time").values if name in trial else np.empty(0)
+        if values.size > 2:
+            sd[k] = float(second_difference_sd(values))
     return sd * np.where(np.isin(STATE, ("psi", "x", "y", "phi")), np.sqrt(2.0), 1.0)
 
 
-def measured_states(trial: xr.Dataset, place: slice) -> np.ndarray:
-    """States (8, n_time) of a piece of a record in SI units and rad; NaN where a channel was not measured."""
-    piece = trial.isel(time=place)
-    nothing = np.full(piece.sizes["time"], np.nan)
-    return np.array([piece[name].values if name in piece else nothing for name in STATE])
+def measured_states(trial: xr.Dataset, samples: slice) -> np.ndarray:
+    """States (8, n_time) of a piece of a record in SI units and rad; NaN for unmeasured channels."""
+    piece = trial.isel(time=samples)
+    missing = np.full(piece.sizes["time"], np.nan)
+    return np.array([piece[name].values if name in piece else missing for name in STATE])

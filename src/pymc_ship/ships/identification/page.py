@@ -43,10 +43,10 @@ from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import named_trials, sampling_interval
 
 CORRELATED = 0.95
-"""Correlation of two coefficients from which the page warns of it."""
+"""Correlation of two coefficients that the page lists."""
 
 DISAGREE = 2.0
-"""Prior standard deviations beyond which an estimate and what was known beforehand disagree."""
+"""Prior sds between estimate and prior that count as a prior-data conflict."""
 
 SOURCES = (
     "Yao, Vehtari, Simpson & Gelman (2018), Using stacking to average Bayesian predictive distributions, "
@@ -78,7 +78,7 @@ PAGE = Page(
     own=(*(f"figures/{name}.png" for name in _FIGURES), *(f"tables/{name}.csv" for name in _TABLES)),
     packages=("pymc-ship", "numpy", "scipy", "xarray", "numba", "matplotlib"),
 )
-"""The page of a ship, which may share its folder with the page of her forecasts."""
+"""The page of a ship; its folder may hold the page of forecasts, too."""
 
 _LEFT_OUT = " terms were left out: "
 REFUSED = Page(
@@ -87,7 +87,7 @@ REFUSED = Page(
     own=("figures/runaways.png", "tables/refusals.csv", "tables/doubts.csv"),
     packages=PAGE.packages,
 )
-"""The page where every term set is refused; it stands beside that of an identification that succeeded before."""
+"""The page of an identification without a term set."""
 
 _DOUBTS = ("doubtful", "bad")
 _REFUSALS: Columns = {
@@ -114,44 +114,44 @@ def write_ship_report(
     given: Vessel | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Write the page of an identified ship with its figures and tables; each appears under its name when complete.
+    """Write the page of an identified ship with its figures and tables.
 
     Parameters
     ----------
     result : ShipIdentification
         From :func:`pymc_ship.identify_ship`.
     trials : mapping of str to Dataset, dims (time,)
-        As they were fitted, by the names of the runs.
+        Fitted records, by the names of the runs.
     checks : mapping of str to sequence of Check
-        Of the same runs, see :func:`pymc_ship.trial_checks`; a run without checks says so.
+        Checks of the runs, from :func:`pymc_ship.trial_checks`.
     out : str or Path
         Folder, created where it is missing.
     command : str
         What repeats the page.
     seed : int
-        Root of every random number.
+        Seed of the random numbers.
     forecasts : mapping of str to DataTree, optional
-        Of the standard manoeuvres, by their label, which open the page.
+        Of the standard manoeuvres, by label.
     summary : sequence of str, optional
         Sentences of :func:`pymc_ship.ships.design.outlook.manoeuvring_summary`.
     captive : Dataset, optional
         From :func:`pymc_ship.ships.identification.model.captive_comparison`.
     given : Vessel, optional
-        As in its file: its steering gear is set beside the measured one.
+        As in its file, for its steering gear.
     progress : callable, optional
         Called with a short text before each step.
 
     Returns
     -------
     Path
-        ``out/index.html``, which is moved into place last, after ``out/figures`` and ``out/tables``.
+        ``out/index.html``, written after ``out/figures`` and ``out/tables``.
 
     Raises
     ------
     TrialError
-        For trials without names, or anything else that is no trial.
+        For trials without names, or no trials.
     ValueError
-        For trials that are not those of the identification.
+        For other trials than those of the identification.
     OutputError
         When the folder cannot be written.
     """
@@ -200,15 +200,15 @@ def write_refusals(
     *,
     command: str,
 ) -> Path:
-    """Write the page of an identification that refused every term set: the sections on refusals and on the checks.
+    """Write the page of an identification without a term set: refusals and checks.
 
     Parameters
     ----------
     refusals : sequence of Refusal
-        Of a :class:`pymc_ship.ships.identification.candidates.FitError`.
+        Of a FitError.
     vessel : Vessel
     checks : mapping of str to sequence of Check
-        Of each run, by its name.
+        By the name of the run.
     out : str or Path
         Folder, created where it is missing.
     command : str
@@ -217,7 +217,7 @@ def write_refusals(
     Returns
     -------
     Path
-        ``out/refused.html``, beside the page of an identification that succeeded before.
+        ``out/refused.html``.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def _diverging_motion(refusals: Sequence[Refusal]) -> dict[str, Figure]:
 def run_rows(
     result: ShipIdentification, trials: Mapping[str, xr.Dataset], checks: Mapping[str, Sequence[Check]]
 ) -> list[dict]:
-    """What each run is: manoeuvre, duration [s and L/U], approach speed [m/s], sampling [s], verdict of its checks."""
+    """Manoeuvre, duration [s and L/U], approach speed [m/s], sampling [s] and worst check of each run."""
     unit, rows = result.vessel.particulars.ship_time, []
     for (name, trial), manoeuvre in zip(trials.items(), result.manoeuvres, strict=True):
         duration = float(np.ptp(trial["time"].values))
@@ -310,7 +310,7 @@ def term_set_rows(result: ShipIdentification) -> list[dict]:
 
 
 def coefficient_rows(candidate: Candidate) -> list[dict]:
-    """Estimate and sd (sandwich, widened) of each coefficient, its prior, and how far that gave way, prime values."""
+    """Estimate and sd (sandwich, inflated) of each coefficient, its prior and scale inflation, prime values."""
     vessel, sd = candidate.vessel, np.sqrt(np.diag(candidate.fit.covariance))
     held = {c.name: c for c in (*(c for force in vessel.forces.values() for c in force), *vessel.parameters)}
     pairs, scale_inflation = correlation_rows(candidate), candidate.fit.prior.scale / candidate.prior.scale
@@ -364,7 +364,7 @@ def _values(
     rows: Mapping[str, list[dict]],
     summary: Sequence[str],
 ) -> dict:
-    """What the template shows of the ship and its runs."""
+    """Template values of the ship and its runs."""
     left_out = [remark for remark in result.ship.remarks if _LEFT_OUT in remark]
     return {
         "vessel": result.vessel,
@@ -424,7 +424,7 @@ def _opening(result: ShipIdentification, forecasts: Mapping[str, xr.DataTree]) -
 
 
 def _evidence(result: ShipIdentification, rows: Mapping[str, list[dict]], summary: Sequence[str]) -> list[str]:
-    """Sentences on what was measured, how well held-out runs were predicted, and the recommended run."""
+    """Sentences on the fit, held-out runs, checks and the recommended run."""
     best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
     share = sum(row["weight"] * row["infeasible_fraction"] for row in drawn)
     worst = [row["run"] for row in rows["runs"] if row["verdict"] in _DOUBTS]
@@ -445,21 +445,21 @@ _PRIORS = {
 
 
 def _steering(result: ShipIdentification, given: Vessel | None) -> list[str]:
-    """The steering gear as measured, beside the vessel file."""
+    """Sentences on the measured steering gear and that of the vessel file."""
     found, first = [], next(iter(result.ship.facilities))
-    main = first or "the runs that name no facility"
+    main = first or "the runs without a facility"
     for name, gear in result.ship.facilities.items():
         where = f" at {name}" if name else ""
         if not gear.n_reversals:
             whose = "the vessel file" if name == first or not result.ship.facilities[first].n_reversals else main
-            found.append(f"No run{where} reverses its rudder: the steering gear is that of {whose}.")
+            found.append(f"No run{where} reverses the rudder: the steering gear is that of {whose}.")
             continue
         for key, word, unit in (("rudder_rate_deg", "rate", "deg/s"), ("rudder_delay", "delay", "s")):
             text = f"Rudder {word}{where} measured over {gear.n_reversals} movements: {getattr(gear, key):.3g} {unit}"
-            stated = "" if given is None else f"; the vessel file says {getattr(given.particulars, key):.3g} {unit}"
+            stated = "" if given is None else f"; in the vessel file {getattr(given.particulars, key):.3g} {unit}"
             found.append(f"{text}{stated}.")
     if len(result.ship.facilities) > 1:
-        return [*found, f"Forecasts use the gear of {main} where no other facility is asked for."]
+        return [*found, f"Forecasts use the gear of {main} by default."]
     return (
         [*found, "Fits and forecasts use the measured values."] if result.ship.facilities[first].n_reversals else found
     )
@@ -472,7 +472,7 @@ def _unchecked(rows: Sequence[Mapping]) -> str:
 
 
 def _summary(rows: Sequence[Mapping]) -> list[str]:
-    """Overshoots, times and coverage of held-out manoeuvres in words; nothing without any."""
+    """Sentences on overshoots, times and coverage of held-out manoeuvres."""
     if not rows:
         return []
     errors, n = overshoot_errors(rows), number(2)

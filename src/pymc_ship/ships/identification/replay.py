@@ -1,4 +1,4 @@
-"""Motion of a ship along the measured inputs of a record, from a measured state, and how well it fits the record."""
+"""Open-loop simulation along the measured inputs of a record, and its score."""
 
 from __future__ import annotations
 
@@ -43,30 +43,28 @@ def replay(
     draws: int = 200,
     ci_prob: float = 0.9,
 ) -> xr.DataTree:
-    """Motion along a record's measured inputs from its measured state.
+    """Simulate a ship along the measured inputs of a record, from its measured state.
 
     Parameters
     ----------
     ship : Ship, Vessel, str or Path
-        A vessel is a ship of one draw, its own coefficients.
+        A vessel is a ship of one draw.
     trial : Dataset, dims (time,)
-        u, v, r, psi and delta; n, wind_speed and wind_direction count where the ship has parts for them; x and y where
-        the track is to be compared.
+        u, v, r, psi and delta; n, wind_speed and wind_direction for models with these forces; x and y for the track.
     start : float, optional
-        Time [s] of the record at which the ship begins; its first sample by default.
+        Start time [s] in the record; the first sample by default.
     duration : float, optional
         [s]; to the end of the record by default.
     draws : int, optional
-        Ships at most; a vessel is one.
+        Largest number.
     ci_prob : float, optional
         Probability inside the equal-tailed bands.
 
     Returns
     -------
     DataTree
-        ``trajectories`` (dims draw, time), ``predictive``, the same with the model error that held-out runs of an
-        identified ship have shown, ``bands`` (dims band, time) of these, and ``measured`` (dims time). x and y begin at
-        0 where the record has no track. Draws that run away are NaN; ``share_diverged`` in attrs.
+        ``trajectories`` (dims draw, time), ``predictive``, the same with model error, ``bands`` (dims band, time) of
+        ``predictive``, and ``measured`` (dims time). Diverged draws are NaN; ``share_diverged`` in attrs.
 
     Raises
     ------
@@ -87,9 +85,9 @@ def replay(
     if draws < 1 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A replay needs a draw and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
     ship, trial = as_ship(ship), as_trial(trial)
-    place = _place(trial, start, duration)
-    piece, models = trial.isel(time=place), thinned_draws(ship.models, draws)
-    states = np.concatenate([simulate_open_loop(vessel, rows, trial, place) for vessel, rows in models], axis=1)
+    samples = _samples(trial, start, duration)
+    piece, models = trial.isel(time=samples), thinned_draws(ship.models, draws)
+    states = np.concatenate([simulate_open_loop(vessel, rows, trial, samples) for vessel, rows in models], axis=1)
     coords = {"draw": np.arange(states.shape[1]), "time": piece["time"].values}
     units = {name: {"units": CHANNELS[name].unit.name} for name in STATE}
 
@@ -99,9 +97,9 @@ def replay(
     ships = motion(states)
     predictive = ships
     if ship.motion_error:
-        since = piece["time"].values - piece["time"].values[0]
+        lead = piece["time"].values - piece["time"].values[0]
         beyond = extrapolation_distance(ship, ships.median("draw"), piece)
-        predictive = motion(with_motion_error(states, since, ship.motion_error, ship.vessel, beyond))
+        predictive = motion(with_motion_error(states, lead, ship.motion_error, ship.vessel, beyond))
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
     attrs["share_diverged"] = float(np.isnan(states[0, :, -1]).mean())
@@ -111,7 +109,7 @@ def replay(
 
 
 def extrapolation_distance(ship: Ship, median: xr.Dataset, piece: xr.Dataset) -> np.ndarray | None:
-    """Distance of the median ship from the motion of the runs that a ship was identified from, by instant."""
+    """Distance of the median ship from the motion of the runs of the identification, by instant."""
     if ship.motion is None:
         return None
     return extrapolation(ship.vessel, median.assign(delta=piece["delta"]), ship.motion)["distance"].values
@@ -127,7 +125,7 @@ def score(
     draws: int = 100,
     ci_prob: float = 0.9,
 ) -> xr.Dataset:
-    """How well replays restarted from the measured state fit records.
+    """Score of replays in windows, each restarted from the measured state.
 
     Parameters
     ----------
@@ -146,12 +144,10 @@ def score(
     Returns
     -------
     Dataset, dims (run, channel)
-        ``rmse`` (SI) of the median ship, ``relative``, over the standard deviation of the channel in all records (for
-        psi and position over the deviation from the start of the windows), ``coverage`` of the bands of readings, which
-        are those of the motion with the noise of the record, ``crps`` (SI; of the position the mean distance of the
-        draws); by run ``windows``, ``diverged`` and ``score``, the mean of
-        ``relative``; attrs ``score``, the mean over the runs. A window whose median ship runs away has no error: it is
-        counted in ``diverged``, and its run has no score.
+        ``rmse`` (SI) of the median ship; ``relative``, over the sd of the channel in all records (psi and position:
+        over the motion within windows); ``coverage`` of the bands with measurement noise; ``crps`` (SI; position: mean
+        distance of the draws). By run ``windows``, ``diverged`` windows and ``score``, the mean of ``relative``, NaN
+        with a diverged window. Attr ``score``: mean over the runs.
 
     Raises
     ------
@@ -164,7 +160,7 @@ def score(
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> found = ps.score(vessel, trial)
-    >>> bool(found.attrs["score"] < 0.05), int(found["ran_away"].sum())
+    >>> bool(found.attrs["score"] < 0.05), int(found["diverged"].sum())
     (True, 0)
     """
     ship, trials = as_ship(ship), trial_list(trials)
@@ -176,22 +172,22 @@ def score(
     every = length if every is None else every
     if not trials or len(names) != len(trials) or not 0.0 < length < np.inf or not 0.0 < every < np.inf:
         raise TrialError(
-            f"A score needs a record or more, each with its name, and windows of a positive length and distance, found "
+            f"A score needs one record or more, a name for each, and positive length and distance of windows, found "
             f"{len(trials)} records, {len(names)} names, {length} s and {every} s; correct them."
         )
-    middle = {name: float(np.mean(np.concatenate([trial[name].values for trial in trials]))) for name in _VELOCITIES}
-    settings: dict[str, Any] = {"windows": (length, every), "middle": middle, "draws": draws, "ci_prob": ci_prob}
-    rows = {name: _scored(ship, trial, **settings) for name, trial in zip(names, trials, strict=True)}
+    means = {name: float(np.mean(np.concatenate([trial[name].values for trial in trials]))) for name in _VELOCITIES}
+    settings: dict[str, Any] = {"windows": (length, every), "means": means, "draws": draws, "ci_prob": ci_prob}
+    rows = {name: _score_run(ship, trial, **settings) for name, trial in zip(names, trials, strict=True)}
     table = {
         key: (("run", "channel"), np.array([row[key] for row in rows.values()])) for key in ("rmse", "coverage", "crps")
     }
-    moved = np.array([row["moved"] for row in rows.values()])
-    table["relative"] = ("run", "channel"), table["rmse"][1] / np.sqrt(np.mean(moved, axis=0))
+    mean_squares = np.array([row["moved"] for row in rows.values()])
+    table["relative"] = ("run", "channel"), table["rmse"][1] / np.sqrt(np.mean(mean_squares, axis=0))
     by_run = {key: ("run", [row[key] for row in rows.values()]) for key in ("windows", "diverged")}
-    found = xr.Dataset(table | by_run, {"run": list(rows), "channel": list(SCORED)})
-    found["score"] = found["relative"].mean("channel", skipna=False)
-    attrs = {"score": float(found["score"].mean(skipna=False)), "length": length, "every": every, "ci_prob": ci_prob}
-    return found.assign_attrs(attrs)
+    scores = xr.Dataset(table | by_run, {"run": list(rows), "channel": list(SCORED)})
+    scores["score"] = scores["relative"].mean("channel", skipna=False)
+    attrs = {"score": float(scores["score"].mean(skipna=False)), "length": length, "every": every, "ci_prob": ci_prob}
+    return scores.assign_attrs(attrs)
 
 
 def score_indices(
@@ -202,25 +198,24 @@ def score_indices(
     draws: int = 200,
     rng: Seed,
 ) -> xr.Dataset:
-    """Indices of recorded standard manoeuvres beside the forecasts of a ship.
+    """Measured indices of recorded standard manoeuvres, and forecasts of a ship.
 
     Parameters
     ----------
     ship, trials, names
         As for :func:`score`.
     draws : int, optional
-        At most; term sets keep their share of them.
+        Largest number; term sets keep their proportions.
     rng : int, SeedSequence or Generator
-        Draws the denoised records, by which ``measured_sd`` is found.
+        For the draws of the denoised records, which give ``measured_sd``.
 
     Returns
     -------
     Dataset, dims (run, index)
-        ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between the models), ``measured_sd`` (what the noise
-        of the readings leaves open), ``scale``, and ``sd`` of the error, from these and the model error; all sds are 0
-        for a vessel. Coordinates are ``manoeuvre`` (run), ``quantity`` and ``units`` (index); NaN stands where a run
-        does not have an index. A record that is no standard manoeuvre is left out; one of a facility that the ship was
-        identified at is steered as there.
+        ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between the models), ``measured_sd`` (of the
+        measurement noise), ``scale``, and ``sd`` of the error, with model error; all sds are 0 for a vessel.
+        Coordinates ``manoeuvre`` (run), ``quantity`` and ``units`` (index). Records of no standard
+        manoeuvre are left out.
 
     Raises
     ------
@@ -255,60 +250,65 @@ def score_indices(
     return index_table([row | {"sd": index_sd(row, errors)} for row in rows])
 
 
-def _scored(
-    ship: Ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: Any
+def _score_run(
+    ship: Ship, trial: xr.Dataset, windows: tuple[float, float], means: dict[str, float], **bands: Any
 ) -> dict:
     """Errors, coverage and CRPS of the windows of one record, each list in the order of :data:`SCORED`."""
     time, (length, every) = trial["time"].values, windows
     begins = np.arange(time[0], time[-1] - length + 1e-9, every)
     if not begins.size:
-        raise TrialError(f"A score needs a record of a window of {length:g} s, found {np.ptp(time):.4g} s; shorten it.")
+        raise TrialError(
+            f"A score needs a record of {length:g} s or more, found {np.ptp(time):.4g} s; give a shorter length."
+        )
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
-    stayed = [tree for tree in trees if np.isfinite(tree["bands"].dataset["u"].values[:, -1]).all()]
+    complete = [tree for tree in trees if np.isfinite(tree["bands"].dataset["u"].values[:, -1]).all()]
     noise = dict(zip(STATE, reading_noise_sd(trial).tolist(), strict=True))
-    found = [_window(tree, noise) for tree in stayed]
-    nothing = np.full(len(SCORED), np.nan)
-    mean = {key: np.mean([one[key] for one in found], axis=0) if found else nothing for key in _OF_WINDOW}
-    lost = len(trees) - len(stayed)
-    rmse = nothing if lost else np.sqrt(mean["square"])
-    counts = {"windows": len(trees), "diverged": lost}
-    moved = np.mean([_moved(tree["measured"].dataset, middle) for tree in trees], axis=0)
-    return {"rmse": rmse, "moved": moved, **mean, **counts}
+    window_scores = [_score_window(tree, noise) for tree in complete]
+    missing = np.full(len(SCORED), np.nan)
+    mean = {
+        key: np.mean([window[key] for window in window_scores], axis=0) if window_scores else missing
+        for key in _OF_WINDOW
+    }
+    n_diverged = len(trees) - len(complete)
+    rmse = missing if n_diverged else np.sqrt(mean["square"])
+    counts = {"windows": len(trees), "diverged": n_diverged}
+    mean_squares = np.mean([_mean_square_motion(tree["measured"].dataset, means) for tree in trees], axis=0)
+    return {"rmse": rmse, "moved": mean_squares, **mean, **counts}
 
 
-def _moved(measured: xr.Dataset, middle: dict[str, float]) -> list[float]:
-    """Mean square of the motion of a window, in the order of :data:`SCORED`: of what an error is a share."""
-    found = []
+def _mean_square_motion(measured: xr.Dataset, means: dict[str, float]) -> list[float]:
+    """Mean square of the motion of a window, in the order of :data:`SCORED`."""
+    squares = []
     for name in SCORED[:-1]:
-        seen = measured[name].values
-        found.append(float(np.mean((seen - middle.get(name, seen[0])) ** 2)))
+        values = measured[name].values
+        squares.append(float(np.mean((values - means.get(name, values[0])) ** 2)))
     track = (measured[name].values for name in "xy")
-    return [*found, float(sum(np.mean((values - values[0]) ** 2) for values in track))]
+    return [*squares, float(sum(np.mean((values - values[0]) ** 2) for values in track))]
 
 
-def _window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[float]]:
-    """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`; ``noise`` is that of readings."""
+def _score_window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[float]]:
+    """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`."""
     ships, measured, bands = (tree[name].dataset for name in ("predictive", "measured", "bands"))
     median, ci_prob = tree["trajectories"].dataset.median("draw"), tree.attrs["ci_prob"]
-    found: dict[str, list[float]] = {key: [] for key in _OF_WINDOW}
+    scores: dict[str, list[float]] = {key: [] for key in _OF_WINDOW}
     for name in SCORED[:-1]:
-        seen = measured[name].values
+        values = measured[name].values
         low, middle, high = (bands[name].sel(band=band).values for band in BANDS)
         reach = ndtri(0.5 + 0.5 * ci_prob) * noise[name]
-        half = np.where(seen < middle, middle - low, high - middle)
-        found["square"].append(float(np.mean((median[name].values - seen) ** 2)))
-        found["coverage"].append(float(np.mean(np.abs(seen - middle) <= np.hypot(half, reach))))
-        found["crps"].append(crps(ships[name].values, seen))
-    apart = np.hypot(*(median[name].values - measured[name].values for name in "xy"))
+        half = np.where(values < middle, middle - low, high - middle)
+        scores["square"].append(float(np.mean((median[name].values - values) ** 2)))
+        scores["coverage"].append(float(np.mean(np.abs(values - middle) <= np.hypot(half, reach))))
+        scores["crps"].append(crps(ships[name].values, values))
+    distance = np.hypot(*(median[name].values - measured[name].values for name in "xy"))
     reach = np.nanquantile(np.hypot(*(ships[name].values - median[name].values for name in "xy")), ci_prob, axis=0)
-    blurred = np.sqrt(-2.0 * np.log1p(-ci_prob)) * np.sqrt(0.5 * (noise["x"] ** 2 + noise["y"] ** 2))
-    found["square"].append(float(np.mean(apart**2)))
-    found["coverage"].append(float(np.mean(apart <= np.hypot(reach, blurred))))
-    found["crps"].append(float(np.nanmean(np.hypot(*(ships[name].values - measured[name].values for name in "xy")))))
-    return found
+    noise_radius = np.sqrt(-2.0 * np.log1p(-ci_prob)) * np.sqrt(0.5 * (noise["x"] ** 2 + noise["y"] ** 2))
+    scores["square"].append(float(np.mean(distance**2)))
+    scores["coverage"].append(float(np.mean(distance <= np.hypot(reach, noise_radius))))
+    scores["crps"].append(float(np.nanmean(np.hypot(*(ships[name].values - measured[name].values for name in "xy")))))
+    return scores
 
 
-def _place(trial: xr.Dataset, start: float | None, duration: float | None) -> slice:
+def _samples(trial: xr.Dataset, start: float | None, duration: float | None) -> slice:
     """Samples of a record between two times."""
     check_trial(trial, _MEASURED)
     time = trial["time"].values
@@ -322,31 +322,31 @@ def _place(trial: xr.Dataset, start: float | None, duration: float | None) -> sl
     return slice(*np.searchsorted(time, (begin - 1e-9, end + 1e-9)).tolist())
 
 
-def channel_rows(found: xr.Dataset) -> list[dict]:
+def channel_rows(scores: xr.Dataset) -> list[dict]:
     """One row for each channel of each run of a score."""
     keys = ("rmse", "relative", "coverage", "crps")
     return [
-        {"run": run, "channel": channel, **{key: float(found[key].sel(run=run, channel=channel)) for key in keys}}
-        for run in found["run"].values.tolist()
-        for channel in found["channel"].values.tolist()
+        {"run": run, "channel": channel, **{key: float(scores[key].sel(run=run, channel=channel)) for key in keys}}
+        for run in scores["run"].values.tolist()
+        for channel in scores["channel"].values.tolist()
     ]
 
 
-def run_rows(found: xr.Dataset) -> list[dict]:
+def run_rows(scores: xr.Dataset) -> list[dict]:
     """One row for each run of a score."""
     keys = ("windows", "diverged", "score")
     return [
-        {"run": run, **{key: float(found[key].sel(run=run)) for key in keys}} for run in found["run"].values.tolist()
+        {"run": run, **{key: float(scores[key].sel(run=run)) for key in keys}} for run in scores["run"].values.tolist()
     ]
 
 
 def index_errors(indices: xr.Dataset) -> list[dict]:
-    """Rows of :func:`pymc_ship.score_indices` with the error of the forecast and whether its interval of 95 % holds."""
-    found = []
+    """Rows of :func:`pymc_ship.score_indices` with the error, and whether the 95 % interval covers it."""
+    rows = []
     for row in index_rows(indices):
         error = row["forecast"] - row["measured"]
         inside = ("yes" if abs(error) <= QUANTILES["95"] * row["sd"] else "no") if row["sd"] > 0.0 else ""
         names = {"run": row["run"], "manoeuvre": row["manoeuvre"], "index": row["index"].replace("_", " ")}
         numbers = {key: row[key] for key in ("measured", "forecast", "sd")}
-        found.append(names | numbers | {"error": error, "inside": inside})
-    return found
+        rows.append(names | numbers | {"error": error, "inside": inside})
+    return rows

@@ -1,4 +1,4 @@
-"""Page of a score: a ship restarted from the measured state of records she has not seen."""
+"""Page of a score: replays of a ship along records."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PAGE = Page(
     own=("figures/score_*.png", "tables/score_*.csv"),
     packages=("pymc-ship", "numpy", "xarray", "numba", "matplotlib"),
 )
-"""The page can stand beside that of the identification."""
+"""Page of a score; its folder may hold that of the identification, too."""
 
 SHOWN = 4
 """Runs whose windows are drawn."""
@@ -34,7 +34,7 @@ _DRAWN = SCORED[:-1]
 def write_score_page(
     ship: ShipLike,
     trials: Mapping[str, xr.Dataset],
-    found: xr.Dataset,
+    scores: xr.Dataset,
     indices: xr.Dataset,
     out: str | Path,
     *,
@@ -47,32 +47,32 @@ def write_score_page(
     ----------
     ship : Ship, Vessel, str or Path
     trials : mapping of str to Dataset
-        The records that were scored, by name.
-    found : Dataset
+        Scored records, by name.
+    scores : Dataset
         From :func:`pymc_ship.score`.
     indices : Dataset, dims (run, index)
         From :func:`pymc_ship.score_indices`.
     out : str or Path
         Folder, created where it is missing.
     draws : int
-        Ships of the windows that are drawn.
+        Draws of the windows in the figure.
     command : str
-        What repeats the page.
+        Command that repeats the page.
 
     Returns
     -------
     Path
-        ``out/score.html``, with its figures and tables beside it.
+        ``out/score.html``; its figures and tables are in folders there.
 
     Raises
     ------
     TrialError
-        For trials without names, or anything else that is no trial.
+        For trials without names, or no trials.
     OutputError
         When the folder cannot be written.
     """
     ship, trials = as_ship(ship), named_trials(trials)
-    rows, runs = channel_rows(found), run_rows(found)
+    rows, runs = channel_rows(scores), run_rows(scores)
     unit, percent = number(3), fixed_point(0)
     channels: Columns = {"run": ("run", str), "channel": ("channel", str), "rmse": ("RMSE [SI]", unit)}
     channels |= {"relative": ("RMSE over motion", unit), "coverage": ("inside %", percent), "crps": ("CRPS [SI]", unit)}
@@ -81,26 +81,26 @@ def write_score_page(
     heads: Columns = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str)}
     heads |= {name: (name, unit) for name in ("measured", "forecast", "error")}
     heads |= {"sd": ("± sd", unit), "inside": ("inside 95 %", str)}
-    beside, selected = index_errors(indices), list(trials)[:SHOWN]
+    index_error_rows, selected = index_errors(indices), list(trials)[:SHOWN]
     values = {
         "vessel": ship.vessel,
-        "attrs": found.attrs,
-        "covered": 100.0 * float(found["coverage"].mean()),
+        "attrs": scores.attrs,
+        "covered": 100.0 * float(scores["coverage"].mean()),
         "tables": {
             "channels": table([_in_percent(row) for row in rows], channels),
             "runs": table(runs, by_run),
-            "indices": table(beside, heads),
+            "indices": table(index_error_rows, heads),
         },
         "shown": selected,
         "command": command,
     }
-    length = max(found.attrs["length"], found.attrs["every"])
-    figures = {"score_channels": errors_by_channel(found)}
-    drawn = {name: trials[name] for name in selected}
+    length = max(scores.attrs["length"], scores.attrs["every"])
+    figures = {"score_channels": errors_by_channel(scores)}
+    selected_trials = {name: trials[name] for name in selected}
     figures["score_windows"] = windows_of(
-        ship, drawn, found.attrs["length"], length, draws, ci_prob=found.attrs["ci_prob"]
+        ship, selected_trials, scores.attrs["length"], length, draws, ci_prob=scores.attrs["ci_prob"]
     )
-    tables = {"score_channels": rows, "score_runs": runs, "score_indices": beside}
+    tables = {"score_channels": rows, "score_runs": runs, "score_indices": index_error_rows}
     return write_page(PAGE, out, Content(values, figures, tables))
 
 
@@ -109,12 +109,12 @@ def _in_percent(row: Mapping) -> dict:
 
 
 @house_style
-def errors_by_channel(found: xr.Dataset) -> Figure:
+def errors_by_channel(scores: xr.Dataset) -> Figure:
     """Error over the motion and coverage of the bands by channel, a dot for each run.
 
     Parameters
     ----------
-    found : Dataset
+    scores : Dataset
         From :func:`pymc_ship.score`.
 
     Returns
@@ -122,8 +122,8 @@ def errors_by_channel(found: xr.Dataset) -> Figure:
     Figure
     """
     fig, axes = subplots(8.0, 3.2, 1, 2)
-    place = np.arange(found.sizes["channel"])
-    spread = np.linspace(-0.2, 0.2, found.sizes["run"]) if found.sizes["run"] > 1 else np.zeros(1)
+    positions = np.arange(scores.sizes["channel"])
+    offsets = np.linspace(-0.2, 0.2, scores.sizes["run"]) if scores.sizes["run"] > 1 else np.zeros(1)
     for ax, key, factor, label in zip(
         axes[0],
         ("relative", "coverage"),
@@ -131,16 +131,22 @@ def errors_by_channel(found: xr.Dataset) -> Figure:
         ("RMSE over motion", "instants inside the bands [%]"),
         strict=True,
     ):
-        values = factor * found[key].values
-        for aside, row in zip(spread, values, strict=True):
-            ax.plot(place + aside, row, "o", ms=4, color=BLUE, alpha=0.7)
+        values = factor * scores[key].values
+        for offset, row in zip(offsets, values, strict=True):
+            ax.plot(positions + offset, row, "o", ms=4, color=BLUE, alpha=0.7)
         ax.plot(
-            place, factor * found[key].mean("run").values, "_", ms=22, mew=1.6, color=RUST, label="mean of the runs"
+            positions,
+            factor * scores[key].mean("run").values,
+            "_",
+            ms=22,
+            mew=1.6,
+            color=RUST,
+            label="mean of the runs",
         )
-        ax.set_xticks(place, found["channel"].values.tolist())
+        ax.set_xticks(positions, scores["channel"].values.tolist())
         ax.set_ylabel(label)
         ax.set_ylim(0.0, None if key == "relative" else 104.0)
-    axes[0, 1].axhline(100.0 * found.attrs["ci_prob"], color=REFERENCE, ls="--", lw=0.9, label="promised")
+    axes[0, 1].axhline(100.0 * scores.attrs["ci_prob"], color=REFERENCE, ls="--", lw=0.9, label="nominal")
     fig.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return fig
 
@@ -155,15 +161,15 @@ def windows_of(
     *,
     ci_prob: float,
 ) -> Figure:
-    """Measured motion of runs, and the ship restarted in windows with her bands.
+    """Measured motion of runs, and replays in windows with their bands.
 
     Parameters
     ----------
     ship : Ship, Vessel, str or Path
     trials : mapping of str to Dataset
-        By the name that heads the column.
+        By name, the head of the column.
     length, every : float
-        Length of a window and from its start to that of the next one [s].
+        Length of a window, and time between the starts of windows [s].
     draws : int
     ci_prob : float
         Probability inside the bands.

@@ -1,4 +1,4 @@
-"""Conditions of a sea trial: what was noted beside the records, and the limits that IMO MSC/Circ.1053 sets a trial."""
+"""Conditions of a sea trial, and their limits by IMO MSC/Circ.1053."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from pymc_ship.machine.toml import Entry, toml_table
 from pymc_ship.physics.vessel.vessel import Vessel
 
 MIN_DEPTH_RATIO = 4.0
-"""Water depth over mean draught from which a trial is in deep water (2.2.1.2.1 of the circular)."""
+"""Least water depth over mean draught (2.2.1.2.1 of the circular)."""
 
 MAX_BEAUFORT, MAX_SEA_STATE = 5, 4
 """Highest Beaufort number and sea state of a trial."""
 
 DRAUGHT_TOLERANCE = 0.05
-"""Share by which the mean draught of a trial at full load may deviate from that of full load."""
+"""Largest relative deviation of the mean draught from that of full load."""
 
 MIN_SPEED_RATIO = 0.9
-"""Least approach speed, over that at 85 % of the highest engine output."""
+"""Least approach speed over that at 85 % of the highest engine output."""
 
 TEXTS = (
     "administration",
@@ -37,10 +37,10 @@ TEXTS = (
     "number_of_propellers",
     "engine_type",
 )
-"""Texts of the form in appendix 6 of the circular that no record and no vessel file holds."""
+"""Texts of the form (appendix 6 of the circular)."""
 
 NOT_STATED = "not stated"
-"""What stands where nothing was noted."""
+"""Text for a missing condition."""
 
 _BEAUFORT = (0.3, 1.6, 3.4, 5.5, 8.0, 10.8, 13.9, 17.2, 20.8, 24.5, 28.5, 32.7)  # m/s, least of each number from 1
 _KEYS = {
@@ -54,7 +54,7 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class Conditions:
-    """What was noted of a sea trial; NaN or empty where nothing was.
+    """Conditions of a sea trial; NaN or empty where unknown.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Conditions:
     sea_state : float
         Code of the WMO, 0 to 9.
     wind : (float, float) or None
-        Speed [m/s] of the true wind and where it comes from [deg].
+        Speed [m/s] and direction of origin [deg] of the true wind.
     fore, aft, full_load : float
         Draughts forward and aft, and the mean draught at full load [m].
     speed_at_85_percent : float
@@ -82,9 +82,9 @@ class Conditions:
     form: dict[str, str] = field(default_factory=dict)
 
     def draught(self, vessel: Vessel) -> float:
-        """Mean draught of the trial [m]: of the draughts noted, else that of the vessel; NaN where neither is known."""
-        noted = 0.5 * (self.fore + self.aft)
-        return noted if np.isfinite(noted) else vessel.particulars.d or math.nan
+        """Mean draught of the trial [m], else that of the vessel, else NaN."""
+        mean_draught = 0.5 * (self.fore + self.aft)
+        return mean_draught if np.isfinite(mean_draught) else vessel.particulars.d or math.nan
 
 
 def load_conditions(source: str | Path | Mapping | None) -> Conditions:
@@ -93,7 +93,7 @@ def load_conditions(source: str | Path | Mapping | None) -> Conditions:
     Parameters
     ----------
     source : str, Path, mapping or None
-        TOML file, or the table in it; None for a trial of which nothing was noted.
+        TOML file, or its table; None for unknown conditions.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def load_conditions(source: str | Path | Mapping | None) -> Conditions:
     Raises
     ------
     TrialError
-        For a file that cannot be read, unknown keys and values that no trial has.
+        For an unreadable file, unknown keys or impossible values.
     """
     if source is None:
         return Conditions()
@@ -149,13 +149,13 @@ def beaufort(speed: float) -> int:
 
 
 def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speeds: Mapping[str, float]) -> list[dict]:
-    """Conditions beside the limits that the circular sets a trial.
+    """Conditions and their limits by the circular.
 
     Parameters
     ----------
     conditions : Conditions
     vessel : Vessel
-        As she was tried.
+        At the draught of the trial.
     wind : float
         Largest mean wind speed of a run [m/s]; NaN where none is known.
     speeds : mapping of str to float
@@ -170,11 +170,11 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
     depth = conditions.water_depth / draught
     slowest = min(speeds.values(), default=math.nan)
     sea = conditions.sea_state
-    blows = f"Beaufort {beaufort(wind)} ({wind:.1f} m/s)" if np.isfinite(wind) else ""
+    wind_text = f"Beaufort {beaufort(wind)} ({wind:.1f} m/s)" if np.isfinite(wind) else ""
     number = beaufort(wind) if np.isfinite(wind) else math.nan
-    full = f"{draught:.4g} m, {conditions.full_load:.4g} m at full load"
+    draught_text = f"{draught:.4g} m, {conditions.full_load:.4g} m at full load"
     off_draught = abs(draught / conditions.full_load - 1.0)
-    share = slowest / conditions.speed_at_85_percent
+    speed_ratio = slowest / conditions.speed_at_85_percent
     return [
         _row(
             "water depth over mean draught",
@@ -183,27 +183,32 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
             depth,
             depth > MIN_DEPTH_RATIO,
         ),
-        _row("wind", blows, f"up to Beaufort {MAX_BEAUFORT}", number, number <= MAX_BEAUFORT),
+        _row("wind", wind_text, f"up to Beaufort {MAX_BEAUFORT}", number, number <= MAX_BEAUFORT),
         _row("sea state", f"{sea:g}", f"up to {MAX_SEA_STATE}", sea, sea <= MAX_SEA_STATE),
         _row(
             "mean draught",
-            full,
+            draught_text,
             f"within {100.0 * DRAUGHT_TOLERANCE:g} % of full load",
             off_draught,
             off_draught <= DRAUGHT_TOLERANCE,
         ),
         _row(
             "slowest approach speed",
-            f"{slowest:.2f} m/s, {100.0 * share:.0f} % of that at 85 % output",
+            f"{slowest:.2f} m/s, {100.0 * speed_ratio:.0f} % of that at 85 % output",
             f"from {100.0 * MIN_SPEED_RATIO:g} %",
-            share,
-            share >= MIN_SPEED_RATIO,
+            speed_ratio,
+            speed_ratio >= MIN_SPEED_RATIO,
         ),
     ]
 
 
-def _row(condition: str, found: str, limit: str, value: float, met: bool) -> dict:
-    """Row of a condition; a value of NaN is one that was not stated."""
-    known = np.isfinite(value)
-    conformity = ("met" if met else "not met") if known else NOT_STATED
-    return {"condition": condition, "found": found if known else NOT_STATED, "limit": limit, "conformity": conformity}
+def _row(condition: str, text: str, limit: str, value: float, met: bool) -> dict:
+    """Row of a condition; NaN is a value not stated."""
+    is_stated = np.isfinite(value)
+    conformity = ("met" if met else "not met") if is_stated else NOT_STATED
+    return {
+        "condition": condition,
+        "found": text if is_stated else NOT_STATED,
+        "limit": limit,
+        "conformity": conformity,
+    }

@@ -1,8 +1,7 @@
-"""Current, wind and loading taken off the indices of a sea trial, and how far draws leave what is left.
+"""Indices of a sea trial corrected for current, wind and loading, with the deviations by draws.
 
-An index is measured on the denoised record, from whose track the current has been taken. Wind and loading are corrected
-as IMO MSC/Circ.1053 has it (3.4.1.2): R = T F / B, the index T of the trial times what a model says of full load in
-calm, F, over what the same model says of the trial's loading and wind, B.
+The current is subtracted from the denoised track. Wind and loading: R = T F / B (IMO MSC/Circ.1053, 3.4.1.2), with the
+measured index T and the model's index at full load in calm, F, and in the trial's conditions, B.
 """
 
 from __future__ import annotations
@@ -30,27 +29,26 @@ from pymc_ship.ships.sea_trials.loading import at_loading
 from pymc_ship.trial.record import OVER_GROUND
 
 DRAWS = 100
-"""Draws of the record, of the current and of the model, each."""
+"""Draws of each part: record, current and model."""
 
-_DRIFTS = 30  # draws of the drift by the wind
-_LONGER = 1.3  # than the record, for which ships turn that are slower than she
+_DRIFTS = 30  # draws of the wind drift
+_LONGER = 1.3  # simulated time over that of the record, for slower draws
 
 
 @dataclass(frozen=True)
 class Model:
-    """The ship by which wind and loading are corrected.
+    """Models for the corrections of wind and loading.
 
     Attributes
     ----------
     models : list of (Vessel, ndarray of shape (n_draws, n_coefficients))
-        As identified, see :class:`pymc_ship.Ship`; empty where nothing is
-        corrected.
+        Of an identified ship; empty for no correction.
     tried : Vessel or None
-        Her file at the loading of the trial.
+        Vessel at the loading of the trial.
     loaded : Vessel or None
-        Her file at full load, where that is another loading.
+        Vessel at full load, where that is another loading.
     wind : bool
-        Whether the models know the wind that blew; True in calm.
+        Whether the models have wind forces; True in calm.
     """
 
     models: list[tuple[Vessel, np.ndarray]] = field(default_factory=list)
@@ -70,20 +68,20 @@ def corrected_indices(
     model: Model,
     rng: np.random.Generator,
 ) -> list[dict]:
-    """Indices of one run as measured and corrected, with the parts of their uncertainty.
+    """Indices of one run, measured and corrected, with the parts of their uncertainty.
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
         Checked and corrected record of the run.
     manoeuvre : Manoeuvre
-        What the run was recognised as.
+        Recognised manoeuvre.
     vessel : Vessel
         Gives L.
     rudder_delay : float
         Of the steering gear [s].
     wind : (float, float) or None
-        Speed [m/s] of the mean true wind and where it comes from [deg]; None where it is not corrected for.
+        Speed [m/s] and direction of origin [deg] of the mean true wind; None for no correction.
     current : DriftCurrent or None
     model : Model
     rng : Generator
@@ -91,20 +89,19 @@ def corrected_indices(
     Returns
     -------
     list of dict
-        For each angle, time and distance that the record reaches: ``index``, ``units`` (L for distances), ``raw``,
-        ``less_current``, ``ratio`` F / B (1 without a model), ``corrected``, ``limit`` of IMO MSC.137(76), NaN where
-        there is none, and the deviations of ``u_record``, ``u_current`` and ``u_model``, arrays of shape (n_draws,).
-        They are NaN for a record that cannot be denoised, a distance without a current, and a wind without a model.
+        For each index of the record: ``index``, ``units`` (L for distances), ``raw``, ``without_current``, ``ratio``
+        F / B (1 without a model), ``corrected``, ``limit`` of IMO MSC.137(76) (NaN for none), and the deviations
+        ``u_record``, ``u_current`` and ``u_model``, shape (n_draws,), NaN where unknown.
 
     Raises
     ------
     TrialError
-        When the model cannot sail the manoeuvre.
+        When every draw diverges in the manoeuvre.
     """
     attrs = manoeuvre.attrs | {"rudder_delay": rudder_delay, "approach_speed": manoeuvre.approach_speed}
     smooth, flow = denoise_motion(trial), np.zeros(2) if current is None else current.velocity
     measured = indices_of_denoised(smooth, attrs)
-    still = indices_of_denoised(without_current(smooth, flow), attrs)
+    in_still_water = indices_of_denoised(without_current(smooth, flow), attrs)
     by_record = _by_record(trial, flow, attrs, rng)
     by_current = _by_current(smooth, current, attrs, rng)
     by_model = _ratios(manoeuvre, trial, wind, model)
@@ -112,13 +109,13 @@ def corrected_indices(
     unknown = np.full(1, np.nan)
     rows = []
     for name, index in manoeuvre.traits.indices.items():
-        if index.quantity not in TRACK_QUANTITIES or not np.isfinite(still.get(name, np.nan)):
+        if index.quantity not in TRACK_QUANTITIES or not np.isfinite(in_still_water.get(name, np.nan)):
             continue
         distance = index.units == "m"
         unit = vessel.particulars.L if distance else 1.0
         ratios = by_model.get(name, unknown if by_model or not model.wind else np.ones(1))
         ratio = float(np.nan_to_num(np.median(ratios), nan=1.0))
-        value = still[name] / unit
+        value = in_still_water[name] / unit
         rows.append(
             {
                 "index": name,
@@ -137,19 +134,22 @@ def corrected_indices(
 
 
 def without_current(smooth: xr.Dataset, velocity: np.ndarray) -> xr.Dataset:
-    """Trial as it would be in still water: its track and, where they are over ground, its velocities."""
-    moved, time = {}, smooth["time"].values - smooth["time"].values[0]
+    """Trial with the current subtracted from track and velocities over ground."""
+    channels, time = {}, smooth["time"].values - smooth["time"].values[0]
     for name, rate in zip(("x", "y"), velocity, strict=True):
         if name in smooth:
-            moved[name] = ("time", smooth[name].values - rate * time)
+            channels[name] = ("time", smooth[name].values - rate * time)
     if smooth.attrs.get("speeds") == OVER_GROUND and {"u", "v", "psi"} <= set(smooth.data_vars):
-        turned = (velocity[0] + 1j * velocity[1]) * np.exp(-1j * smooth["psi"].values)
-        moved |= {"u": ("time", smooth["u"].values - turned.real), "v": ("time", smooth["v"].values - turned.imag)}
-    return smooth.assign(moved)
+        body_current = (velocity[0] + 1j * velocity[1]) * np.exp(-1j * smooth["psi"].values)
+        channels |= {
+            "u": ("time", smooth["u"].values - body_current.real),
+            "v": ("time", smooth["v"].values - body_current.imag),
+        }
+    return smooth.assign(channels)
 
 
 def mean_wind(trial: xr.Dataset, conditions: Conditions) -> tuple[float, float] | None:
-    """Mean true wind of a run, speed [m/s] and where it comes from [deg]: as recorded, else as noted, else None."""
+    """Speed [m/s] and direction of origin [deg] of a run's mean true wind: recorded, noted or None."""
     if not {"wind_speed", "wind_direction"} <= set(trial.data_vars):
         return conditions.wind
     flow = np.nanmean(trial["wind_speed"].values * np.exp(1j * trial["wind_direction"].values))
@@ -157,34 +157,31 @@ def mean_wind(trial: xr.Dataset, conditions: Conditions) -> tuple[float, float] 
 
 
 def subtract_wind_drift(
-    found: DriftCurrent, trial: xr.Dataset, manoeuvre: Manoeuvre, wind: tuple[float, float], model: Model
+    current: DriftCurrent, trial: xr.Dataset, manoeuvre: Manoeuvre, wind: tuple[float, float], model: Model
 ) -> DriftCurrent:
-    """Current of a turn without what the wind drifts the ship, as the model has it in the same turn and wind.
-
-    Indices keep that drift: F / B takes it off.
-    """
+    """Current of a turn minus the model's wind drift in the same turn and wind; F / B corrects the indices for it."""
     course = float(base_course(trial))
-    lasts = _LONGER * float(trial["time"].values[-1] - trial["time"].values[0])
+    duration = _LONGER * float(trial["time"].values[-1] - trial["time"].values[0])
     drifts = []
     for vessel, rows in thinned_draws(model.models, _DRIFTS):
-        settings = simulation_settings(vessel) | {"duration": lasts, "wind": _from_bow(wind, course)}
+        settings = simulation_settings(vessel) | {"duration": duration, "wind": _from_bow(wind, course)}
         ships = simulate(vessel, manoeuvre, coefficients=rows, **settings)
         ships = ships.isel(draw=~ships["diverged"].values)
         drifts += [drift_current(ships.isel(draw=k)).velocity @ (1.0, 1j) for k in range(ships.sizes["draw"])]
     if not drifts:
-        raise TrialError(f"No drawn ship sails the {manoeuvre.label} in this wind; leave the ship out.")
-    turned = np.array(drifts) * np.exp(1j * course)
-    parts = np.stack([turned.real, turned.imag], axis=1)
-    return DriftCurrent(found.velocity - parts.mean(axis=0), np.hypot(found.sd, parts.std(axis=0)), found.local)
+        raise TrialError(f"Every draw diverges in the {manoeuvre.label} in this wind; leave ship out.")
+    over_ground = np.array(drifts) * np.exp(1j * course)
+    parts = np.stack([over_ground.real, over_ground.imag], axis=1)
+    return DriftCurrent(current.velocity - parts.mean(axis=0), np.hypot(current.sd, parts.std(axis=0)), current.local)
 
 
 def _from_bow(wind: tuple[float, float], course: float) -> tuple[float, float]:
-    """Wind as a simulated ship meets it, whose first course is 0; the course is in rad, directions are in deg."""
+    """Wind relative to a base course of 0; course in rad, directions in deg."""
     return wind[0], wind[1] - float(np.rad2deg(course))
 
 
 def _by_record(trial: xr.Dataset, flow: np.ndarray, attrs: Mapping, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Deviation of each index over draws of the denoised record; empty for one that cannot be denoised."""
+    """Deviation of each index over draws of the denoised record; empty where it cannot be denoised."""
     return _deviations(
         index_draws(trial, attrs, draws=DRAWS, rng=rng, corrected=lambda smooth: without_current(smooth, flow))
     )
@@ -210,26 +207,26 @@ def _deviations(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _ratios(
     manoeuvre: Manoeuvre, trial: xr.Dataset, wind: tuple[float, float] | None, model: Model
 ) -> dict[str, np.ndarray]:
-    """F / B of each index over draws of the ship; empty where nothing is to be corrected."""
+    """F / B of each index over draws of the ship; empty without a correction."""
     if not model.models or (wind is None and model.loaded is None):
         return {}
-    around = None if wind is None else _from_bow(wind, base_course(trial))
-    found: dict[str, list[np.ndarray]] = {}
+    trial_wind = None if wind is None else _from_bow(wind, base_course(trial))
+    by_index: dict[str, list[np.ndarray]] = {}
     for vessel, rows in thinned_draws(model.models, DRAWS):
         full = (
             (vessel, rows)
             if model.loaded is None or model.tried is None
             else at_loading(vessel, rows, model.tried, model.loaded)
         )
-        both = []
-        for ship, draws, blowing in ((*full, None), (vessel, rows, around)):
+        both_indices = []
+        for ship, draws, wind_of_run in ((*full, None), (vessel, rows, trial_wind)):
             settings = simulation_settings(ship) | {"duration": manoeuvre.traits.reach * ship.particulars.ship_time}
-            both.append(indices(simulate(ship, manoeuvre, coefficients=draws, wind=blowing, **settings)))
-        for name in both[0]:
+            both_indices.append(indices(simulate(ship, manoeuvre, coefficients=draws, wind=wind_of_run, **settings)))
+        for name in both_indices[0]:
             with np.errstate(divide="ignore", invalid="ignore"):
-                found.setdefault(str(name), []).append(both[0][name].values / both[1][name].values)
-    ratios = {name: np.concatenate(values) for name, values in found.items()}
+                by_index.setdefault(str(name), []).append(both_indices[0][name].values / both_indices[1][name].values)
+    ratios = {name: np.concatenate(values) for name, values in by_index.items()}
     ratios = {name: values[np.isfinite(values)] for name, values in ratios.items()}
     if not any(values.size for values in ratios.values()):
-        raise TrialError(f"No drawn ship sails the {manoeuvre.label} in these conditions; leave the model out.")
+        raise TrialError(f"Every draw diverges in the {manoeuvre.label} in these conditions; leave ship out.")
     return {name: values for name, values in ratios.items() if values.size}

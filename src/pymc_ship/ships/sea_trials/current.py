@@ -1,7 +1,6 @@
 """The current of a sea trial, from a turning circle of two rounds (IMO MSC/Circ.1053, 3.4.2.5).
 
-Once the turn is steady, the ship is back on the same heading after every round. What she has moved in between, the
-water has moved; wind that drifts her is in it, too, as the circular has it. What a turn has yet to settle is fitted.
+In a steady turn the displacement over a full round is that of the water and of the wind drift; the transient is fitted.
 """
 
 from __future__ import annotations
@@ -16,15 +15,15 @@ from pymc_ship.physics.manoeuvre.steering_record import heading_change, is_manoe
 from pymc_ship.records.steering.measured import denoise_motion
 from pymc_ship.trial.record import check_trial
 
-_STEADY = np.pi  # rad of heading from the execution, from which on the circular has the turn steady
-_SPACING = np.deg2rad(5.0)  # from one pair of positions to the next
-_LEAST = np.deg2rad(630.0)  # of heading in all: pairs over a quarter of a round
-_DECAY = (0.1, 3.0)  # 1/rad of heading, of what a turn has to settle
+_STEADY = np.pi  # heading change [rad] from which on the turn counts as steady
+_SPACING = np.deg2rad(5.0)  # heading between pairs of positions
+_LEAST = np.deg2rad(630.0)  # least heading change
+_DECAY = (0.1, 3.0)  # bounds of the transient's decay [1/rad of heading]
 
 
 @dataclass(frozen=True)
 class DriftCurrent:
-    """Current that a turn shows.
+    """Current from a turn.
 
     Attributes
     ----------
@@ -47,31 +46,29 @@ class DriftCurrent:
 
     @property
     def direction(self) -> float:
-        """Where the current goes to, clockwise from north [deg]."""
+        """Direction of flow, clockwise from north [deg]."""
         return float(np.rad2deg(np.arctan2(self.velocity[1], self.velocity[0])) % 360.0)
 
 
 def drift_current(trial: xr.Dataset) -> DriftCurrent:
-    """Measure the current by a turning circle of two rounds.
+    """Current from a turning circle of two rounds.
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        With psi, delta [rad] and x, y [m] over ground; the rudder is held while the heading changes by 630 deg or more,
-        of which the first 180 do not count. The circular asks for 720.
+        psi, delta [rad] and x, y [m] over ground; fixed rudder over a heading change of 630 deg or more (the circular
+        requires 720), of which the first 180 are not used.
 
     Returns
     -------
     DriftCurrent
-        What the velocities between pairs of positions on the same heading, a round apart, every 5 deg, tend to. The
-        circular takes their mean; a large ship still loses speed in her second round, and that mean is off by what the
-        turn has to settle. The standard uncertainty is that of the fit, from as many independent pairs as there are
-        rounds in which they begin, one at least.
+        Limit of the velocities between positions one round apart, every 5 deg of heading, with its standard uncertainty
+        (one independent pair per round). The circular takes their mean, which includes the transient.
 
     Raises
     ------
     TrialError
-        For a turn that is too short. For a record that lacks a channel.
+        For a turn that is too short, or a record without a channel.
 
     References
     ----------
@@ -95,38 +92,34 @@ def drift_current(trial: xr.Dataset) -> DriftCurrent:
     turned = np.abs(psi[-1] - psi[0])
     if turned < _LEAST:
         raise TrialError(
-            f"A current is measured by a turn of 720 deg, of 630 at least, found {np.rad2deg(turned):.0f}; turn longer."
+            f"The current needs a turn of 630 deg at least, found {np.rad2deg(turned):.0f} deg; turn longer."
         )
     forward = np.maximum.accumulate(np.sign(psi[-1]) * psi)
     begin = np.arange(_STEADY, forward[-1] - 2.0 * np.pi + 1e-9, _SPACING)
     when = [np.interp(begin + round_, forward, time) for round_ in (0.0, 2.0 * np.pi)]
     lasts = when[1] - when[0]
     local = (np.interp(when[1], time, x + 1j * y) - np.interp(when[0], time, x + 1j * y)) / lasts
-    velocity, sd = _settled(local, begin, np.exp(1j * np.sign(psi[-1]) * begin) / lasts)
+    velocity, sd = _fit_velocity(local, begin, np.exp(1j * np.sign(psi[-1]) * begin) / lasts)
     return DriftCurrent(np.array([velocity.real, velocity.imag]), np.full(2, sd), np.stack([local.real, local.imag], 1))
 
 
-def _settled(local: np.ndarray, begin: np.ndarray, turning: np.ndarray) -> tuple[complex, float]:
-    """Velocity that pairs tend to as the turn settles, and the standard uncertainty of its parts.
-
-    Radius and drift angle of a turn settle exponentially, so that a round is not closed by a vector that turns with the
-    heading and decays: local = velocity + C exp(-decay (begin - pi)) turning, with complex C.
-    """
+def _fit_velocity(local: np.ndarray, begin: np.ndarray, turning: np.ndarray) -> tuple[complex, float]:
+    """Least squares of local = velocity + C exp(-decay (begin - pi)) turning: velocity and standard uncertainty."""
     from scipy.optimize import minimize_scalar
 
-    def fitted(decay: float) -> tuple[np.ndarray, np.ndarray]:
+    def fit(decay: float) -> tuple[np.ndarray, np.ndarray]:
         design = np.column_stack([np.ones_like(turning), np.exp(-decay * (begin - _STEADY)) * turning])
         return design, np.linalg.lstsq(design, local, rcond=None)[0]
 
     def misfit(decay: float) -> float:
-        design, found = fitted(decay)
-        return float(np.sum(np.abs(local - design @ found) ** 2))
+        design, coefficients = fit(decay)
+        return float(np.sum(np.abs(local - design @ coefficients) ** 2))
 
     best = minimize_scalar(misfit, bounds=_DECAY, method="bounded").x
-    design, found = fitted(best)
-    slope = (begin - _STEADY) * design[:, 1]  # of the decay, by which the fit is uncertain, too
+    design, coefficients = fit(best)
+    slope = (begin - _STEADY) * design[:, 1]  # derivative by the decay
     full = np.column_stack([design, slope])
     spread = np.linalg.inv(full.conj().T @ full)[0, 0].real
     variance = misfit(best) / (2.0 * (local.size - 2.0) - 1.0)
     rounds = max((begin[-1] - begin[0]) / (2.0 * np.pi), 1.0)
-    return complex(found[0]), float(np.sqrt(variance * spread * local.size / rounds))
+    return complex(coefficients[0]), float(np.sqrt(variance * spread * local.size / rounds))

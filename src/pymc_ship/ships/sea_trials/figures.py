@@ -20,7 +20,7 @@ _COLUMNS = 3
 
 @house_style
 def circles(trials: Mapping[str, xr.Dataset], currents: Mapping[str, DriftCurrent], L: float) -> Figure:
-    """Tracks of turning circles from the execution on [L], as measured and without the current."""
+    """Tracks of turning circles from the execution on [L], as measured and without current."""
     fig, axes = _grid(len(trials), 3.0)
     for ax, (name, trial) in zip(axes, trials.items(), strict=False):
         smooth = denoise_motion(trial)
@@ -62,18 +62,18 @@ def swings(trials: Mapping[str, xr.Dataset], switching: Mapping[str, float]) -> 
 
 @house_style
 def spirals(measured: Mapping[str, xr.Dataset], turns: xr.Dataset | None) -> Figure:
-    """Steady rates of spiral tests against the rudder angle, joined as they were sailed, and those of a known ship."""
+    """Steady rates of spiral tests against the rudder angle, and those of the identified ship."""
     fig, axes = subplots(8.0, 4.4)
     ax = axes[0, 0]
     draw_curve(ax, turns, 0.95)
-    for (name, sailed), colour in zip(measured.items(), cycle((RUST, REFERENCE)), strict=False):
-        ax.plot(sailed["delta"], sailed["r"], "o-", ms=4, lw=0.7, color=colour, label=f"{name}, as sailed")
+    for (name, test), colour in zip(measured.items(), cycle((RUST, REFERENCE)), strict=False):
+        ax.plot(test["delta"], test["r"], "o-", ms=4, lw=0.7, color=colour, label=f"{name}, measured")
     ax.legend(loc="upper right")
     return fig
 
 
 def _grid(n: int, height: float) -> tuple[Figure, list]:
-    """Figure with an axis for each run, in rows of three, and nothing where a row has fewer."""
+    """Figure with axes for each run, in rows of three."""
     columns = min(n, _COLUMNS)
     rows = -(-n // columns)
     fig, axes = subplots(8.0, height * rows + 0.4, rows, columns)

@@ -20,22 +20,22 @@ LINES = (
     ("initial turning, distance to turn 10 deg with 10 deg rudder", "zigzag 10/10", "initial_turning_distance"),
     ("stopping, track reach", LABEL, "track_reach"),
 )
-"""Lines of the manoeuvring data: the item, the manoeuvre and the index it is of."""
+"""Lines of the manoeuvring data: item, manoeuvre and index."""
 
 ADDITIONAL = (("spiral, width of the loop", SPIRAL, "loop_width"),)
-"""Lines that stand only where the manoeuvre was sailed: the circular recommends it for a ship that is unstable."""
+"""Lines of manoeuvres that the circular recommends for unstable ships alone."""
 
 SIDES = ("port", "starboard")
 """Columns of the manoeuvring data."""
 
 
 def ship_rows(vessel: Vessel, loaded: Vessel | None, conditions: Conditions, wind: float) -> list[dict]:
-    """Ship data, at full load where that is known, and trial data.
+    """Ship data, at full load where it is known, and trial data.
 
     Parameters
     ----------
     vessel, loaded : Vessel
-        As she was tried, and at full load, None where that is not another file.
+        At the trial, and at full load (or None).
     conditions : Conditions
     wind : float
         Largest mean wind speed of a run [m/s], NaN where none is known.
@@ -56,26 +56,26 @@ def ship_rows(vessel: Vessel, loaded: Vessel | None, conditions: Conditions, win
         "date": form.get("date", NOT_STATED),
         "place": form.get("place", NOT_STATED),
         "ship type": form.get("ship_type", NOT_STATED),
-        "L/V": _stated(s.ship_time, ".1f", " s"),
-        "L/B": _stated(s.L / s.B, ".2f"),
-        "B/T": _stated(s.B / d, ".2f"),
-        "C_B": _stated(s.volume / (s.L * s.B * d), ".3f"),
+        "L/V": _text_or_not_stated(s.ship_time, ".1f", " s"),
+        "L/B": _text_or_not_stated(s.L / s.B, ".2f"),
+        "B/T": _text_or_not_stated(s.B / d, ".2f"),
+        "C_B": _text_or_not_stated(s.volume / (s.L * s.B * d), ".3f"),
         "rudder type": form.get("rudder_type", NOT_STATED),
-        "total rudder area over L T": _stated(100.0 * area, ".2f", " %"),
+        "total rudder area over L T": _text_or_not_stated(100.0 * area, ".2f", " %"),
         "number of rudders": form.get("number_of_rudders", NOT_STATED),
         "propeller type": form.get("propeller_type", NOT_STATED),
         "number of propellers": form.get("number_of_propellers", NOT_STATED),
         "engine type": form.get("engine_type", NOT_STATED),
-        "trim": _stated(trim, ".2f", " m by the stern"),
-        "water depth over trial draught": _stated(conditions.water_depth / draught, ".1f"),
+        "trim": _text_or_not_stated(trim, ".2f", " m by the stern"),
+        "water depth over trial draught": _text_or_not_stated(conditions.water_depth / draught, ".1f"),
         "wind": f"Beaufort {beaufort(wind)}" if np.isfinite(wind) else NOT_STATED,
-        "sea state": _stated(conditions.sea_state, ".0f"),
+        "sea state": _text_or_not_stated(conditions.sea_state, ".0f"),
         "loading condition": _loading(draught, conditions.full_load, corrected=loaded is not None),
     }
     return [{"item": item, "value": value} for item, value in values.items()]
 
 
-def _stated(value: float, form: str, unit: str = "") -> str:
+def _text_or_not_stated(value: float, form: str, unit: str = "") -> str:
     return f"{value:{form}}{unit}" if np.isfinite(value) else NOT_STATED
 
 
@@ -92,7 +92,7 @@ def _loading(draught: float, full: float, *, corrected: bool) -> str:
 
 
 def form_rows(rows: Sequence[Mapping]) -> list[dict]:
-    """Manoeuvring data: each line of the form with the run that is least favourable to either side.
+    """Manoeuvring data: each line of the form with the least favourable run to either side.
 
     Parameters
     ----------
@@ -105,40 +105,40 @@ def form_rows(rows: Sequence[Mapping]) -> list[dict]:
     list of dict
         ``item``, ``port``, ``starboard``, ``criterion`` and ``conformity``, that of the less favourable side.
     """
-    found = []
+    lines = []
     for item, manoeuvre, index in (*LINES, *ADDITIONAL):
-        sailed = [row for row in rows if row["manoeuvre"].startswith(manoeuvre)]
-        if not sailed and (item, manoeuvre, index) in ADDITIONAL:
+        runs = [row for row in rows if row["manoeuvre"].startswith(manoeuvre)]
+        if not runs and (item, manoeuvre, index) in ADDITIONAL:
             continue
-        shown = {side: _shown([row for row in sailed if row["side"] in (side, "")], index) for side in SIDES}
-        mine = [row for row in sailed if row["index"] == index]
-        found.append(
+        cells = {side: _least_favourable([row for row in runs if row["side"] in (side, "")], index) for side in SIDES}
+        index_runs = [row for row in runs if row["index"] == index]
+        lines.append(
             {
                 "item": item,
-                **shown,
-                "criterion": _criterion(manoeuvre, mine),
-                "conformity": _least({row["conformity"] for row in mine}),
+                **cells,
+                "criterion": _criterion(manoeuvre, index_runs),
+                "conformity": _least_conformity({row["conformity"] for row in index_runs}),
             }
         )
-    return found
+    return lines
 
 
-def _shown(rows: Sequence[Mapping], index: str) -> str:
-    """Least favourable value of an index over the runs of a manoeuvre to one side."""
+def _least_favourable(rows: Sequence[Mapping], index: str) -> str:
+    """Least favourable value of an index over runs to one side."""
     if not rows:
-        return "not sailed"
-    mine = [row for row in rows if row["index"] == index]
-    return _cell(max(mine, key=lambda row: row["corrected"])) if mine else "not measured"
+        return "not run"
+    index_runs = [row for row in rows if row["index"] == index]
+    return _cell(max(index_runs, key=lambda row: row["corrected"])) if index_runs else "not measured"
 
 
 def _cell(row: Mapping) -> str:
-    """Value and its expanded uncertainty, where that is known."""
+    """Value and expanded uncertainty."""
     decimals = 1 if row["units"] == "deg" else 2
     if not np.isfinite(row["corrected"]):
         return "not reached"
-    known = f" ± {row['U']:.2g}" if np.isfinite(row["U"]) else ""
-    alone = " in one run" if known and row["runs"] == 1 else ""
-    return f"{row['corrected']:.{decimals}f}{known} {row['units']}{alone}"
+    uncertainty = f" ± {row['U']:.2g}" if np.isfinite(row["U"]) else ""
+    single_run = " in one run" if uncertainty and row["runs"] == 1 else ""
+    return f"{row['corrected']:.{decimals}f}{uncertainty} {row['units']}{single_run}"
 
 
 def _criterion(manoeuvre: str, rows: Sequence[Mapping]) -> str:
@@ -147,7 +147,7 @@ def _criterion(manoeuvre: str, rows: Sequence[Mapping]) -> str:
     return f"{rows[0]['limit']:.3g} {rows[0]['units']}" if rows else ""
 
 
-def _least(judgements: set[str]) -> str:
-    """Least favourable of some judgements; empty where there is none."""
+def _least_conformity(conformities: set[str]) -> str:
+    """Least favourable conformity; empty for none."""
     order = ("not met", "not met as measured", "open", "met as measured", "met")
-    return next((one for one in order if one in judgements), "")
+    return next((conformity for conformity in order if conformity in conformities), "")

@@ -1,8 +1,6 @@
-"""The draws of an identified ship at another draught.
+"""Draws of an identified ship at another draught.
 
-What the trials say of a ship of parts is how far each parameter is from what is typical of such a hull, propeller and
-rudder, in standard deviations of ships. At another draught the typical values change, as their formulae have it; the
-ship is taken to be as far from them as before. Terms of a polynomial know nothing of a draught and are left out.
+The prior means of a modular model follow the draught; the standardised deviation of each parameter stays the same.
 """
 
 from __future__ import annotations
@@ -15,19 +13,19 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.parts import FIXED_SD, with_parts
 from pymc_ship.physics.vessel.vessel import Vessel
 
-_SAME = 0.05  # by which the length between perpendiculars may differ from one draught to another
+_SAME = 0.05  # largest relative difference in L of one ship
 
 
 def at_loading(model: Vessel, rows: np.ndarray, tried: Vessel, loaded: Vessel) -> tuple[Vessel, np.ndarray]:
-    """Vessel and draws of a ship of parts at another loading.
+    """Vessel and draws of a modular model at another loading.
 
     Parameters
     ----------
     model : Vessel
-        With the parts and the steering gear with which she was identified as tried.
+        Parts and steering gear as identified.
     rows : ndarray, shape (n_draws, n_coefficients)
     tried, loaded : Vessel
-        Her files at both draughts.
+        Vessel at both draughts.
 
     Returns
     -------
@@ -37,12 +35,12 @@ def at_loading(model: Vessel, rows: np.ndarray, tried: Vessel, loaded: Vessel) -
     Raises
     ------
     TrialError
-        For a file that is not of the same ship.
+        For vessels of different ships.
     """
     if not np.isclose(tried.particulars.L, loaded.particulars.L, rtol=_SAME):
         raise TrialError(
-            f"The ship at full load is the one that was tried, found L = {loaded.particulars.L:g} m and "
-            f"{tried.particulars.L:g} m; give her own file."
+            f"The vessel at full load and that of the trial have the same L, found {loaded.particulars.L:g} m and "
+            f"{tried.particulars.L:g} m; give the file of the same ship."
         )
     here, there = (_with_parts_of(model, vessel) for vessel in (tried, loaded))
     value, sd = np.array([[c.value, c.sd] for c in here.parameters]).T
@@ -52,10 +50,10 @@ def at_loading(model: Vessel, rows: np.ndarray, tried: Vessel, loaded: Vessel) -
 
 
 def _with_parts_of(model: Vessel, vessel: Vessel) -> Vessel:
-    """Vessel with the parts of a model, its steering gear, and parameters as her file states them or typical."""
+    """Vessel with parts and steering gear of a model, and parameters of its file or typical ones."""
     gear = {name: getattr(model.particulars, name) for name in ("rudder_rate_deg", "rudder_delay")}
     bare = replace(vessel, particulars=replace(vessel.particulars, **gear), forces=dict.fromkeys(model.forces, ()))
     names = {c.name for c in model.parameters}
-    stated = {c.name: c for c in vessel.parameters if c.name in names}
-    held = [c.name for c in model.parameters if c.sd <= FIXED_SD]
-    return with_parts(replace(bare, parts=(), parameters=()), model.parts, stated, held)
+    given_parameters = {c.name: c for c in vessel.parameters if c.name in names}
+    fixed = [c.name for c in model.parameters if c.sd <= FIXED_SD]
+    return with_parts(replace(bare, parts=(), parameters=()), model.parts, given_parameters, fixed)

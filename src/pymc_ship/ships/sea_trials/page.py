@@ -19,7 +19,7 @@ PAGE = Page(
     own=("figures/sea_trial_*.png", "tables/sea_trial_*.csv"),
     packages=("pymc-ship", "numpy", "scipy", "pywavelets", "xarray", "matplotlib"),
 )
-"""The page can stand beside that of an identification."""
+"""Page of a sea trial; its folder may hold that of an identification, too."""
 
 SOURCES = (
     "IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76).",
@@ -30,22 +30,22 @@ SOURCES = (
 _INDEX = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "units": ("", str)}
 
 
-def trial_report(found: SeaTrial, out: str | Path, *, command: str = "pymc_ship.trial_report(...)") -> Path:
+def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship.trial_report(...)") -> Path:
     """Write the report of a sea trial.
 
     Parameters
     ----------
-    found : SeaTrial
+    result : SeaTrial
         From :func:`pymc_ship.sea_trial`.
     out : str or Path
         Folder, created where it is missing.
     command : str, optional
-        What repeats the page.
+        Command that repeats the page.
 
     Returns
     -------
     Path
-        ``out/sea_trial.html``, with its figures and tables beside it.
+        ``out/sea_trial.html``; its figures and tables are in folders there.
 
     Raises
     ------
@@ -69,40 +69,40 @@ def trial_report(found: SeaTrial, out: str | Path, *, command: str = "pymc_ship.
     values |= {"corrected": ("corrected", three), "U": ("U = 2 u_c", number(2))}
     values |= {"lower": ("95 % from", three), "upper": ("to", three), "limit": ("limit", three)}
     parts = {"u_record": "record", "u_current": "current", "u_model": "model", "u_runs": "runs", "u_c": "u_c"}
-    flows = _flows(found.currents)
-    shown = [row | {"index": row["index"].replace("_", " ")} for row in found.indices]
+    flows = _flows(result.currents)
+    index_rows = [row | {"index": row["index"].replace("_", " ")} for row in result.indices]
     content = {
-        "vessel": found.vessel,
+        "vessel": result.vessel,
         "command": command,
-        "remarks": found.remarks,
-        "lines": [row for row in found.form if row["conformity"]],
+        "remarks": result.remarks,
+        "lines": [row for row in result.form if row["conformity"]],
         "tables": {
-            "ship": table(found.ship_data, {"item": ("item", str), "value": ("", str)}),
+            "ship": table(result.ship_data, {"item": ("item", str), "value": ("", str)}),
             "form": table(
-                found.form, {key: (key, str) for key in ("item", "port", "starboard", "criterion", "conformity")}
+                result.form, {key: (key, str) for key in ("item", "port", "starboard", "criterion", "conformity")}
             ),
             "conditions": table(
-                found.conditions, {key: (key, str) for key in ("condition", "found", "limit", "conformity")}
+                result.conditions, {key: (key, str) for key in ("condition", "found", "limit", "conformity")}
             ),
-            "indices": table(shown, _INDEX | values | {"conformity": ("conformity", str)}),
-            "parts": table(shown, _INDEX | {key: (head, number(2)) for key, head in parts.items()}),
+            "indices": table(index_rows, _INDEX | values | {"conformity": ("conformity", str)}),
+            "parts": table(index_rows, _INDEX | {key: (head, number(2)) for key, head in parts.items()}),
             "currents": _currents_table(flows),
-            "winds": _winds_table(found.winds),
+            "winds": _winds_table(result.winds),
         },
     }
-    drawn = {name: found.trials[name] for name in found.manoeuvres}
-    turning = {name: trial for name, trial in drawn.items() if found.manoeuvres[name].traits.circles}
-    swinging = {name: trial for name, trial in drawn.items() if found.manoeuvres[name].traits.swings}
+    records = {name: result.trials[name] for name in result.manoeuvres}
+    turning = {name: trial for name, trial in records.items() if result.manoeuvres[name].traits.circles}
+    swinging = {name: trial for name, trial in records.items() if result.manoeuvres[name].traits.swings}
     figures = {}
     if turning:
-        figures["sea_trial_circles"] = circles(turning, found.currents, found.vessel.particulars.L)
+        figures["sea_trial_circles"] = circles(turning, result.currents, result.vessel.particulars.L)
     if swinging:
-        switching = {name: found.manoeuvres[name].heading_deg for name in swinging}
+        switching = {name: result.manoeuvres[name].heading_deg for name in swinging}
         figures["sea_trial_zigzags"] = swings(swinging, switching)
-    if found.spirals:
-        figures["sea_trial_spirals"] = spirals(found.spirals, found.turns)
-    rows = {"sea_trial_indices": found.indices, "sea_trial_form": [*found.ship_data, *found.form]}
-    rows |= {"sea_trial_conditions": found.conditions, "sea_trial_currents": flows}
+    if result.spirals:
+        figures["sea_trial_spirals"] = spirals(result.spirals, result.turns)
+    rows = {"sea_trial_indices": result.indices, "sea_trial_form": [*result.ship_data, *result.form]}
+    rows |= {"sea_trial_conditions": result.conditions, "sea_trial_currents": flows}
     return write_page(PAGE, out, Content(content, figures, rows, sources=SOURCES))
 
 

@@ -1,4 +1,4 @@
-"""A sea trial: its runs, what they were sailed in, and their indices as measured and corrected."""
+"""A sea trial: its runs, their conditions, and their indices as measured and corrected."""
 
 from __future__ import annotations
 
@@ -33,34 +33,33 @@ from pymc_ship.trial.record import facility_of, trial_list
 
 @dataclass(frozen=True, repr=False)
 class SeaTrial:
-    """What is known of a sea trial.
+    """Results of a sea trial.
 
     Attributes
     ----------
     trials : dict of str to Dataset
         Records by name.
     vessel : Vessel
-        As she was tried.
+        At the draught of the trial.
     manoeuvres : dict of str to Manoeuvre
-        Of each run that was recognised, by its name.
+        Recognised manoeuvres, by the name of the run.
     indices : list of dict
-        Rows of :func:`pymc_ship.ships.sea_trials.corrections.corrected_indices` with their uncertainty, see
-        :func:`.uncertainty_budget`, and ``run``, ``manoeuvre`` and ``side``; those of
-        stopping and spiral tests are as measured, their side is empty.
+        Rows of :func:`.uncertainty_budget` with ``run``, ``manoeuvre`` and ``side``; stopping and spiral tests are not
+        corrected and have an empty side.
     currents : dict of str to DriftCurrent
-        By which each run was corrected; runs without one are left out.
+        Current of each corrected run.
     winds : dict of str to (float, float)
-        Mean speed [m/s] of the true wind and where it comes from [deg], of the runs that know it.
+        Speed [m/s] and direction of origin [deg] of the mean true wind, by run.
     conditions : list of dict
-        See :func:`pymc_ship.ships.sea_trials.conditions.condition_rows`.
+        Rows of :func:`.condition_rows`.
     ship_data, form : list of dict
-        See :func:`pymc_ship.ships.sea_trials.form.ship_rows` and :func:`pymc_ship.ships.sea_trials.form.form_rows`.
+        Rows of :func:`.ship_rows` and :func:`.form_rows`.
     spirals : dict of str to Dataset
-        Steady turns of each spiral test, see :func:`pymc_ship.ships.sea_trials.measured_spiral.measured_spiral`.
+        Steady turns of each spiral test, from :func:`.measured_spiral`.
     turns : Dataset or None
-        Steady turns of the identified ship beside them, see :func:`pymc_ship.steady_turns`.
+        Steady turns of the identified ship, from :func:`pymc_ship.steady_turns`.
     remarks : tuple of str
-        What was left out or not corrected, and why.
+        Runs left out and corrections not made, with the reason.
     """
 
     trials: dict[str, xr.Dataset]
@@ -89,23 +88,22 @@ def sea_trial(
     rng: Seed,
     progress: Callable[[str], None] = lambda _: None,
 ) -> SeaTrial:
-    """Measure and correct the indices of a sea trial as IMO MSC/Circ.1053 has it.
+    """Measure and correct the indices of a sea trial (IMO MSC/Circ.1053).
 
     Parameters
     ----------
     trials : mapping of str to Dataset, or sequence of Dataset
-        Checked and corrected records of one day, by name: zigzags, turning circles, pull-outs, stopping and spiral
-        tests. The current is that of the circles that turn 630 deg or more; other runs take the mean of theirs.
+        Checked and corrected records of one day, by name. Circles of 630 deg or more give the current of all runs.
     vessel : Vessel, str or Path
-        As she was tried.
+        At the draught of the trial.
     conditions : str, Path or mapping, optional
-        TOML file, or its table, of what was noted of the day; see docs/how_to/report_a_sea_trial.md.
+        TOML file of the day's conditions, or its table; see docs/how_to/report_a_sea_trial.md.
     ship : Ship, optional
-        By which wind and loading are corrected; without her they are not.
+        Corrects wind and loading; without it they are not corrected.
     full_load : Vessel, str or Path, optional
-        Her file at full load, where she was tried at another draught.
+        Vessel file at full load, where the trial was at another draught.
     rng : int, SeedSequence or Generator
-        Of the draws behind the uncertainties.
+        For the draws of the uncertainties.
     progress : callable, optional
         Called with a short text before each step.
 
@@ -116,11 +114,8 @@ def sea_trial(
     Raises
     ------
     TrialError
-        For conditions that cannot be read, runs of which none is a standard manoeuvre, or another loading without a
-        ship of parts.
-    TrialError
-        For conditions that cannot be read, runs of which none is a standard manoeuvre, or another loading without a
-        ship of parts. For a record that lacks u, r, psi or delta.
+        For unreadable conditions, no standard manoeuvre, another loading without a modular model, or a record without
+        u, r, psi or delta.
 
     References
     ----------
@@ -128,7 +123,7 @@ def sea_trial(
 
     Examples
     --------
-    A turning circle and a zigzag in a current, which the circle shows:
+    A turning circle, which gives the current, and a zigzag:
 
     >>> import pymc_ship as ps
     >>> vessel, current = ps.load_vessel("kvlcc2"), (0.5, 90)
@@ -139,57 +134,59 @@ def sea_trial(
     >>> print(f"{row['raw']:.2f} L, without the current {row['corrected']:.2f} L, limit {row['limit']:g} L")
     2.91 L, without the current 3.61 L, limit 5 L
     """
-    rng, vessel, noted = random_generator(rng), as_vessel(vessel), load_conditions(conditions)
-    named = _named(trials)
+    rng, vessel, trial_conditions = random_generator(rng), as_vessel(vessel), load_conditions(conditions)
+    records = _by_name(trials)
     loaded = None if full_load is None else as_vessel(full_load)
-    recognised, facilities = recognise_by_facility(list(named.values()), vessel)
-    manoeuvres = {name: one for name, one in zip(named, recognised, strict=True) if one is not None}
-    stops = {name: measured_stopping(trial) for name, trial in named.items() if name not in manoeuvres}
-    stops = {name: found for name, found in stops.items() if found}
-    unit = vessel.particulars.ship_time
-    others = [name for name in named if name not in manoeuvres and name not in stops]
-    spirals = {name: turns for name in others if (turns := measured_spiral(named[name], unit)) is not None}
+    recognised, facilities = recognise_by_facility(list(records.values()), vessel)
+    manoeuvres = {name: kind for name, kind in zip(records, recognised, strict=True) if kind is not None}
+    stops = {name: measured_stopping(trial) for name, trial in records.items() if name not in manoeuvres}
+    stops = {name: stop for name, stop in stops.items() if stop}
+    ship_time = vessel.particulars.ship_time
+    others = [name for name in records if name not in manoeuvres and name not in stops]
+    spirals = {name: turns for name in others if (turns := measured_spiral(records[name], ship_time)) is not None}
     if not manoeuvres and not stops and not spirals:
-        raise TrialError(f"No run is of a standard manoeuvre. {unrecognised_text(next(iter(named.values())))}")
-    lost = [name for name in others if name not in spirals]
-    remarks = [f"{name} is left out. {unrecognised_text(named[name])}" for name in lost]
-    winds = {name: wind for name in named if (wind := mean_wind(named[name], noted)) is not None}
-    model, said = _model(ship, vessel, loaded, blowing=bool(winds))
-    corrected = winds if model.models and model.wind else {}
+        raise TrialError(f"No run is of a standard manoeuvre. {unrecognised_text(next(iter(records.values())))}")
+    unrecognised = [name for name in others if name not in spirals]
+    remarks = [f"{name} is left out. {unrecognised_text(records[name])}" for name in unrecognised]
+    winds = {name: wind for name in records if (wind := mean_wind(records[name], trial_conditions)) is not None}
+    model, model_remarks = _model(ship, vessel, loaded, blowing=bool(winds))
+    corrected_winds = winds if model.models and model.wind else {}
     progress("current")
-    currents, more = _currents({name: named[name] for name in manoeuvres}, manoeuvres, corrected, model)
+    currents, current_remarks = _currents(
+        {name: records[name] for name in manoeuvres}, manoeuvres, corrected_winds, model
+    )
     rows = []
     for name, manoeuvre in manoeuvres.items():
         progress(f"indices of {name}")
-        delay = facilities[facility_of(named[name])].rudder_delay
-        known: dict[str, Any] = {"rudder_delay": float(np.nan_to_num(delay)), "current": currents.get(name)}
-        known |= {"wind": corrected.get(name), "model": model, "rng": rng}
-        found = corrected_indices(named[name], manoeuvre, vessel, **known)
-        rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in found]
+        delay = facilities[facility_of(records[name])].rudder_delay
+        settings: dict[str, Any] = {"rudder_delay": float(np.nan_to_num(delay)), "current": currents.get(name)}
+        settings |= {"wind": corrected_winds.get(name), "model": model, "rng": rng}
+        run_indices = corrected_indices(records[name], manoeuvre, vessel, **settings)
+        rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in run_indices]
     for name, stop in stops.items():
         rows += [{"run": name} | row for row in _stopping_rows(stop, vessel.particulars.L)]
     for name, turns in spirals.items():
-        rows += [{"run": name} | row for row in spiral_rows(turns, largest_loop(unit))]
+        rows += [{"run": name} | row for row in spiral_rows(turns, largest_loop(ship_time))]
     rows = uncertainty_budget(rows, rng)
     speeds = {name: manoeuvre.approach_speed or np.nan for name, manoeuvre in manoeuvres.items()}
     windiest = max((speed for speed, _ in winds.values()), default=np.nan)
     return SeaTrial(
-        trials=named,
+        trials=records,
         vessel=vessel,
         manoeuvres=manoeuvres,
         indices=rows,
         currents=currents,
         winds=winds,
-        conditions=condition_rows(noted, vessel, wind=windiest, speeds=speeds),
-        ship_data=ship_rows(vessel, loaded, noted, windiest),
+        conditions=condition_rows(trial_conditions, vessel, wind=windiest, speeds=speeds),
+        ship_data=ship_rows(vessel, loaded, trial_conditions, windiest),
         form=form_rows(rows),
         spirals=spirals,
         turns=steady_turns(ship) if spirals and ship is not None else None,
-        remarks=(*remarks, *said, *more),
+        remarks=(*remarks, *model_remarks, *current_remarks),
     )
 
 
-def _named(trials: Mapping[str, xr.Dataset] | Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
+def _by_name(trials: Mapping[str, xr.Dataset] | Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
     if isinstance(trials, Mapping):
         return dict(trials)
     return {str(k + 1): trial for k, trial in enumerate(trial_list(trials))}
@@ -201,48 +198,55 @@ def _currents(
     winds: Mapping[str, tuple[float, float]],
     model: Model,
 ) -> tuple[dict[str, DriftCurrent], list[str]]:
-    """Current of each run, less the drift by the winds that a model knows, and a sentence where none is shown."""
-    own, said = {}, []
+    """Current of each run, with the wind drift subtracted, and remarks."""
+    currents, remarks = {}, []
     for name, manoeuvre in manoeuvres.items():
         if manoeuvre.traits.circles:
             try:
-                found = drift_current(trials[name])
+                current = drift_current(trials[name])
                 wind = winds.get(name)
-                own[name] = found if wind is None else subtract_wind_drift(found, trials[name], manoeuvre, wind, model)
+                currents[name] = (
+                    current if wind is None else subtract_wind_drift(current, trials[name], manoeuvre, wind, model)
+                )
             except TrialError as error:
-                said.append(f"{name} shows no current: {error}")
-    if not own:
-        return {}, [*said, "No run shows the current, and no index is corrected for it; turn through 720 deg."]
-    mean = _mean_current(list(own.values()))
-    return {name: own.get(name, mean) for name, trial in trials.items() if {"x", "y"} <= set(trial.data_vars)}, said
+                remarks.append(f"{name} gives no current: {error}")
+    if not currents:
+        return {}, [*remarks, "The indices are not corrected for current, as no run gives it; turn through 720 deg."]
+    mean = _mean_current(list(currents.values()))
+    return {
+        name: currents.get(name, mean) for name, trial in trials.items() if {"x", "y"} <= set(trial.data_vars)
+    }, remarks
 
 
-def _mean_current(found: Sequence[DriftCurrent]) -> DriftCurrent:
-    """Mean of the currents of circles; its uncertainty is theirs and, of two or more, their scatter as well."""
-    velocities, sds = (np.array([getattr(one, key) for one in found]) for key in ("velocity", "sd"))
-    scatter = velocities.std(axis=0, ddof=1) if len(found) > 1 else np.zeros(2)
+def _mean_current(currents: Sequence[DriftCurrent]) -> DriftCurrent:
+    """Mean of the currents of circles, with their uncertainty and their scatter."""
+    velocities, sds = (np.array([getattr(current, key) for current in currents]) for key in ("velocity", "sd"))
+    scatter = velocities.std(axis=0, ddof=1) if len(currents) > 1 else np.zeros(2)
     sd = np.hypot(np.sqrt(np.mean(sds**2, axis=0)), scatter)
-    return DriftCurrent(velocities.mean(axis=0), sd, np.vstack([one.local for one in found]))
+    return DriftCurrent(velocities.mean(axis=0), sd, np.vstack([current.local for current in currents]))
 
 
 def _model(ship: Ship | None, vessel: Vessel, loaded: Vessel | None, *, blowing: bool) -> tuple[Model, list[str]]:
-    """Model by which wind and loading are corrected, and a sentence on what is not."""
+    """Model for the corrections of wind and loading, and a remark on wind that is not corrected."""
     if ship is None:
         if loaded is not None:
-            raise TrialError("Another loading is corrected by an identified ship, found none; give the ship, too.")
-        said = "Wind is not corrected for: that needs an identified ship."
-        return Model(wind=not blowing), [said] if blowing else []
-    known = [one for one in ship.models if WIND.name in one[0].parts]
-    wind = blowing and bool(known)
-    models = known if wind else ship.models
-    models = [one for one in models if loaded is None or one[0].modular]
+            raise TrialError("A correction for loading needs an identified ship, found none; give ship.")
+        remark = "The indices are not corrected for wind: that needs an identified ship."
+        return Model(wind=not blowing), [remark] if blowing else []
+    wind_models = [pair for pair in ship.models if WIND.name in pair[0].parts]
+    wind = blowing and bool(wind_models)
+    models = wind_models if wind else ship.models
+    models = [pair for pair in models if loaded is None or pair[0].modular]
     if not models:
         raise TrialError(
-            "No term set of this ship knows another draught: her forces are polynomials; state d in her vessel file "
-            "and identify her anew."
+            "A correction for loading needs a modular term set, found polynomials alone; state d in the vessel file "
+            "and identify the ship again."
         )
-    said = "Wind is not corrected for: no term set of the ship knows it; state [windage] and identify her anew."
-    return Model(models, vessel, loaded, wind or not blowing), [said] if blowing and not wind else []
+    remark = (
+        "The indices are not corrected for wind: no term set of the ship has wind forces; add [windage] to the vessel "
+        "file and identify the ship again."
+    )
+    return Model(models, vessel, loaded, wind or not blowing), [remark] if blowing and not wind else []
 
 
 def _stopping_rows(stop: Mapping[str, float], L: float) -> list[dict]:

@@ -1,7 +1,6 @@
-"""The uncertainty of a corrected index from its parts, and what it leaves of a criterion (JCGM 100:2008).
+"""Uncertainty budget of a corrected index (JCGM 100:2008) and its conformity (JCGM 106:2012).
 
-Parts by draws: of the record, of the current and of the model. Runs of one manoeuvre to one side that were sailed more
-than once scatter by what the sea, the helm and the approach do: a part of its own, which a single run cannot show.
+Parts: record, current and model, by draws, and the scatter of repeated runs.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import numpy as np
 from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY
 
 PARTS = ("u_record", "u_current", "u_model")
-"""Parts of the standard uncertainty that are deviations by draws."""
+"""Parts of the standard uncertainty that are given as draws."""
 
 _DRAWS = 2000
 _TAILS = (0.025, 0.975)
@@ -25,48 +24,55 @@ def uncertainty_budget(rows: Sequence[dict], rng: np.random.Generator) -> list[d
     Parameters
     ----------
     rows : sequence of dict
-        With ``manoeuvre``, ``index``, ``corrected``, ``limit`` (NaN for none) and, by the names of :data:`PARTS`, the
-        deviations of each part, NaN where it is not known.
+        ``manoeuvre``, ``index``, ``corrected``, ``limit`` (NaN for none) and the deviations of :data:`PARTS` by draw
+        (NaN where unknown).
     rng : Generator
 
     Returns
     -------
     list of dict
-        With the sd of each part in its place, ``u_runs``, the scatter of runs of one manoeuvre (NaN for a single one),
-        ``runs``, their number, ``u_c``, the root of the sum of squares, ``U`` = 2 u_c, the ends ``lower`` and ``upper``
-        of the interval of 95 %, and ``conformity``, empty without a limit. u_c, U and the interval are NaN where a part
-        by draws is not known; a scatter that is not known is left out of them.
+        With the sd of each part, ``u_runs``, the scatter of repeated runs (NaN for a single one), ``runs``, their
+        number, ``u_c``, the root of the sum of squares, ``U`` = 2 u_c, the 95 % interval ``lower`` to ``upper`` (all
+        NaN where a part is unknown) and ``conformity``, empty without a limit.
     """
-    found = []
+    budget = []
     for row in rows:
-        alike = [
-            one["corrected"] for one in rows if (one["manoeuvre"], one["index"]) == (row["manoeuvre"], row["index"])
+        repeated = [
+            other["corrected"]
+            for other in rows
+            if (other["manoeuvre"], other["index"]) == (row["manoeuvre"], row["index"])
         ]
-        u_runs = float(np.std(alike, ddof=1)) if len(alike) > 1 else np.nan
+        u_runs = float(np.std(repeated, ddof=1)) if len(repeated) > 1 else np.nan
         scatter = float(np.nan_to_num(u_runs))
         sds = {name: float(np.std(row[name])) for name in PARTS}
         u_c = float(np.linalg.norm([*sds.values(), scatter]))
-        drawn = row["corrected"] + sum(rng.choice(row[name], _DRAWS) for name in PARTS)
-        drawn = drawn + scatter * rng.standard_normal(_DRAWS)
-        lower, upper = np.quantile(drawn, _TAILS).tolist()
-        known = {
+        draws = row["corrected"] + sum(rng.choice(row[name], _DRAWS) for name in PARTS)
+        draws = draws + scatter * rng.standard_normal(_DRAWS)
+        lower, upper = np.quantile(draws, _TAILS).tolist()
+        columns = {
             **sds,
             "u_runs": u_runs,
-            "runs": len(alike),
+            "runs": len(repeated),
             "u_c": u_c,
             "U": 2.0 * u_c,
             "lower": lower,
             "upper": upper,
         }
-        found.append(row | known | {"conformity": conformity(row["corrected"], drawn, row["limit"])})
-    return found
+        budget.append(row | columns | {"conformity": conformity(row["corrected"], draws, row["limit"])})
+    return budget
 
 
-def conformity(value: float, drawn: np.ndarray, limit: float) -> str:
-    """Whether a value keeps a limit, as its draws have it or, where they are unknown, as it was measured."""
+def conformity(value: float, draws: np.ndarray, limit: float) -> str:
+    """Conformity with a limit, by the draws or, where they are unknown, as measured."""
     if np.isnan(limit):
         return ""
-    if not np.isfinite(drawn).all():
+    if not np.isfinite(draws).all():
         return f"{'met' if value <= limit else 'not met'} as measured"
-    kept = float(np.mean(drawn <= limit))
-    return "met" if kept >= CONFORMANCE_PROBABILITY else "not met" if kept <= 1.0 - CONFORMANCE_PROBABILITY else "open"
+    probability = float(np.mean(draws <= limit))
+    return (
+        "met"
+        if probability >= CONFORMANCE_PROBABILITY
+        else "not met"
+        if probability <= 1.0 - CONFORMANCE_PROBABILITY
+        else "open"
+    )
