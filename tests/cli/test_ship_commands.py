@@ -53,7 +53,7 @@ class TestIdentify:
         words = ["identify", CIRCLE, *COMMON, *VESSEL, "--prior", str(identified), "--draws", "40", "--quiet"]
         assert main([*words, "--out", str(tmp_path / "both")]) == 0
         text = capsys.readouterr().out
-        assert "Earlier runs stand beside the prior" in text
+        assert "The likelihood of earlier runs is included" in text
         assert "As the next run the " in text
         assert "Tactical diameter of the turning circle of 35 deg: " in (tmp_path / "both" / "index.html").read_text()
         first, both = (ps.load_ship(folder) for folder in (identified, tmp_path / "both"))

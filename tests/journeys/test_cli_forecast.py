@@ -41,7 +41,7 @@ def test_forecast_writes_a_page_and_prints_indices_beside_the_reference(made, sm
         np.testing.assert_allclose([float(row[f"psi_{name}"]) for row in over_time], expected, rtol=1e-5, atol=1e-9)
     assert [float(row["time"]) for row in over_time] == tree["bands"]["time"].values.tolist()
     printed = capsys.readouterr().out
-    assert printed.startswith("zigzag 10/10 starboard: 30 ships, 0 % diverged, bands of 90%\n")
+    assert printed.startswith("zigzag 10/10 starboard: 30 draws, 0 % diverged, bands of 90%\n")
     assert printed.count("\nExtrapolation is unknown: the posterior does not hold the motion it was fitted to.\n") == 3
     assert "maximum roll angle" not in printed
     assert printed.count(f"\n{NO_ROLL}\n") == 3
@@ -61,7 +61,7 @@ def test_forecast_counts_diverged_ships(made, small, tmp_path, capsys):
         ps.write_posterior(tree, tmp_path / f"{dof}-conjugate.nc")
     words = ("--vessel", made / "small.toml", "--draws", 200, "--duration", 30, "--turn", 35)
     run("forecast", tmp_path, *words, "--out", tmp_path / "out")
-    assert "200 ships, 25 % diverged" in capsys.readouterr().out
+    assert "200 draws, 25 % diverged" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("ending", ["nc", "zarr"])
@@ -76,7 +76,7 @@ def test_forecast_takes_a_joint_posterior_and_says_what_it_extrapolates(made, sm
     share = f"{100.0 * found.attrs['share_extrapolated']:.3g} % of the instants"
     assert float(share.split()[0]) > 50.0
     first, *others = capsys.readouterr().out.splitlines()
-    assert first == f"turning circle 35 port: 30 ships, 0 % diverged, {share} extrapolated, bands of 90%"
+    assert first == f"turning circle 35 port: 30 draws, 0 % diverged, {share} extrapolated, bands of 90%"
     assert found.attrs["extrapolation"] in others
     assert found.attrs["extrapolation"].startswith(f"{share} lie outside the motion of the record")
     assert "speed falls to " in found.attrs["extrapolation"]

@@ -1,4 +1,4 @@
-"""A ship identified run after run: earlier runs stand beside the prior of today's, as if all had been given at once."""
+"""A ship identified run after run, as if all runs had been given at once."""
 
 from __future__ import annotations
 
