@@ -108,8 +108,8 @@ def turns_and_overshoots(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -
             plan.plot(y, x, color=colour, lw=1.6, label=tree.attrs["label"])
         elif kind.swings and tree.attrs["heading_deg"] == tree.attrs["rudder_deg"]:
             style = {10.0: "-"}.get(tree.attrs["heading_deg"], "--")
-            bands, time = np.rad2deg(tree["bands"]["psi"]), tree["bands"]["time"]
-            lower, middle, upper = (bands.sel(band=band).values for band in ("lower", "median", "upper"))
+            bands, time = tree["bands"].dataset["psi"], tree["bands"].dataset["time"]
+            lower, middle, upper = (np.rad2deg(bands.sel(band=band).values) for band in ("lower", "median", "upper"))
             heading.fill_between(time, lower, upper, color=colour, alpha=0.18, lw=0)
             heading.plot(time, middle, style, color=colour, label=tree.attrs["label"])
     plan.set(aspect="equal", xlabel="transfer to starboard [L]", ylabel="advance [L]", title="Turning circles")
