@@ -114,7 +114,7 @@ def test_denoise_writes_the_smooth_trial_and_prints_the_noise(made, tmp_path, ca
     expected = ps.denoise(ps.read_trial(made / "trial.csv"), "db4", "cauchy", False)
     smooth = ps.read_trial(out)
     printed = {
-        line.split()[0]: line.split()[2:]
+        line.split()[0]: line.split()[1:]
         for line in capsys.readouterr().out.splitlines()
         if not line.startswith(("Noise", "channel"))
     }

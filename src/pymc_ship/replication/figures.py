@@ -20,8 +20,8 @@ from pymc_ship.ships.forecasting.forecast import draws_and_shares
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
 
-def _in_shown_unit(name: str, values: np.ndarray) -> np.ndarray:
-    return CHANNELS[name].unit.shown_factor * values
+def _in_display_unit(name: str, values: np.ndarray) -> np.ndarray:
+    return CHANNELS[name].unit.display_factor * values
 
 
 @house_style
@@ -36,9 +36,9 @@ def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tu
     for row, name in zip(axes, names, strict=True):
         for ax, view in zip(row, views, strict=True):
             time = clean["time"].values[view]
-            ax.plot(time, _in_shown_unit(name, noisy[name].values[view]), color=NOISE, lw=0.6, label="polluted")
-            ax.plot(time, _in_shown_unit(name, clean[name].values[view]), color=REFERENCE, lw=1.6, label="clean")
-            ax.plot(time, _in_shown_unit(name, smooth[name].values[view]), color=RUST, label="denoised")
+            ax.plot(time, _in_display_unit(name, noisy[name].values[view]), color=NOISE, lw=0.6, label="polluted")
+            ax.plot(time, _in_display_unit(name, clean[name].values[view]), color=REFERENCE, lw=1.6, label="clean")
+            ax.plot(time, _in_display_unit(name, smooth[name].values[view]), color=RUST, label="denoised")
         row[0].set_ylabel(CHANNELS[name].short_axis)
     for ax, title in zip(axes[0], ("whole record", "enlarged"), strict=True):
         ax.set_title(title)
@@ -101,7 +101,7 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
         for family, tree in forecasts.items():
             _band(ax, tree["bands"].to_dataset(), name, prior_family(family).colour, family)
         ax.plot(
-            reference["time"], _in_shown_unit(name, reference[name].values), "--", color=REFERENCE, label="reference"
+            reference["time"], _in_display_unit(name, reference[name].values), "--", color=REFERENCE, label="reference"
         )
         ax.set_ylabel(CHANNELS[name].short_axis)
         ax.set_xlabel("time [s]")
@@ -114,7 +114,7 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
 
 def _band(ax: Axes, bands: xr.Dataset, name: str, colour: str, family: str) -> None:
     lower, median, upper = (
-        _in_shown_unit(name, bands[name].sel(band=band).values) for band in ("lower", "median", "upper")
+        _in_display_unit(name, bands[name].sel(band=band).values) for band in ("lower", "median", "upper")
     )
     ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{family}: band")
     ax.plot(bands["time"], median, color=colour, label=f"{family}: median")

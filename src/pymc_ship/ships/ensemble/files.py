@@ -130,7 +130,8 @@ def load_ship(out: str | Path) -> Ship:
     for entry in index["terms"]:
         path = folder / entry["file"]
         vessel, tree = load_vessel(path.with_suffix(".toml")), read_posterior(path.with_suffix(".nc"))
-        constant = _current_names({name: tree["constant_data"][name] for name in tree["constant_data"].variables})
+        stored = tree["constant_data"]
+        constant = _current_names({str(name): stored[str(name)] for name in stored.variables})
         if not set(_LIKELIHOOD) <= set(constant):
             raise _other_format(folder, path.with_suffix(".nc").name, _LIKELIHOOD)
         motion = constant["motion"]
