@@ -224,7 +224,7 @@ def test_a_forecast_states_its_shares_below_its_bands(known, words):
     for tree, diverged in zip(forecasts.values(), (0.0, 0.5), strict=True):
         tree.attrs |= {"share_extrapolated": known, "share_diverged": diverged}
     conjugate, semiconjugate = figures.forecast_channels(reference, forecasts).get_supxlabel().splitlines()
-    assert conjugate == f"conjugate: 6 ships, 0 % diverged{words}"
+    assert conjugate == f"conjugate: 6 draws, 0 % diverged{words}"
     assert semiconjugate == f"semiconjugate: 6 ships, 50 % diverged{words}"
 
 

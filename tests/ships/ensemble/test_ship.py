@@ -133,7 +133,7 @@ class TestRepr:
 
 @pytest.mark.slow
 def test_an_identification_in_place_of_its_ship_is_refused():
-    with refused(ps.VesselError, "found.ship"):
+    with refused(ps.VesselError, "identification", "ship"):
         ps.forecast(model(), ps.turning_circle(35.0), rng=1)
 
 
