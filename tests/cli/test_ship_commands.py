@@ -54,7 +54,7 @@ class TestIdentify:
         assert main([*words, "--out", str(tmp_path / "both")]) == 0
         text = capsys.readouterr().out
         assert "The likelihood of earlier runs is included" in text
-        assert "As the next run the " in text
+        assert "Recommended next run: " in text
         assert "Tactical diameter of the turning circle of 35 deg: " in (tmp_path / "both" / "index.html").read_text()
         first, both = (ps.load_ship(folder) for folder in (identified, tmp_path / "both"))
         (one,), (other,) = first.likelihoods.values(), both.likelihoods.values()

@@ -124,7 +124,7 @@ def test_its_noise_leaves_that_of_the_others_as_it_was(trial, monkeypatch):
 def test_it_is_denoised_and_shown(trial, tmp_path, capsys):
     path = ps.write_trial(ps.pollute(trial, level=0.1, rng=np.random.default_rng(1)), tmp_path / "run.csv")
     assert main(["denoise", str(path), "--out", str(tmp_path / "smooth.csv"), "--quiet"]) == 0
-    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()[1:]]
     assert [row[0] for row in rows] == ["channel", "u", "v", "r", "p", "phi", "psi", "a_y"]
     assert rows[-1][-1] == "m/s2"
     noisy, smooth = ps.read_trial(path), ps.read_trial(tmp_path / "smooth.csv")

@@ -112,7 +112,7 @@ def study_content(result: StudyResult, diagnosed: str) -> Content:
         "signs": _signs(result),
         "level": f"{result.level:g}",
         "rows": next(iter(result.identifications[result.level].data.values())).n_rows,
-        "gained": findings.optimisation_gain(result),
+        "optimisation_gain": findings.optimisation_gain(result),
         "bound_text": bound_chapter.beside_errors(result),
         "dofs": [dof_block(result, dof, exact) for dof in result.vessel.dofs],
         "tables": page_tables(result),

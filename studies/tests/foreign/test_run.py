@@ -86,7 +86,7 @@ def played(monkeypatch, median):
     monkeypatch.setattr(run, "truths", lambda ship: TRUTH)
     monkeypatch.setattr(ps, "identify_ship", lambda *args, **settings: found)
     monkeypatch.setattr(ps, "forecast", forecast)
-    monkeypatch.setattr(ps, "judged_trial", lambda record, path: record)
+    monkeypatch.setattr(ps, "validated_trial", lambda record, path: record)
     monkeypatch.setattr("studies.foreign.cases.Case.records", lambda self, seed: [])
 
 

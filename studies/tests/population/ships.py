@@ -65,7 +65,7 @@ def of_parts(rng, astern=1.0):
 
     def stop(test, duration):
         time = np.arange(0.0, duration, 2.0)
-        n, states = test.sailed(vessel, own[None], time)
+        n, states = test.simulate(vessel, own[None], time)
         motion = {name: ("time", row[0]) for name, row in zip(STATE, states, strict=True)}
         return xr.Dataset(motion | {"n": ("time", n)}, {"time": time})
 

@@ -165,7 +165,7 @@ class TestForecast:
         text = page.read_text(encoding="utf-8")
         assert "Rudder kick 20/40 starboard" in text
         assert "No criterion of IMO MSC.137(76) applies to these manoeuvres." in text
-        assert "reached by % of the ships" in text
+        assert "reached by % of the draws" in text
         assert "switching headings" not in text
         stem = "forecast_rudder_kick_20_40_starboard"
         drawn = {path.stem for path in (tmp_path / "figures").iterdir()}
@@ -236,7 +236,7 @@ class TestWords:
         words = ["forecast", str(tmp_path / "joint.nc"), "--vessel", "container", "--rudder-kick", "20/40"]
         assert main([*words, "--draws", "8", "--duration", "60", "--out", str(tmp_path / "page")]) == 0
         shown = capsys.readouterr().out
-        assert "rudder kick 20/40 port: 8 ships" in shown
+        assert "rudder kick 20/40 port: 8 draws" in shown
         assert ("time to midships" in shown) == bool(kind.indices)
         assert "does not hold the motion it was fitted to.\n" in shown
         tables = sorted(path.name for path in (tmp_path / "page").glob("tables/*.csv"))
