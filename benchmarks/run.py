@@ -20,7 +20,7 @@ import pymc_ship as ps
 from benchmarks import ROOT, denoising, fitting, growth, processes, regression, simulation
 from benchmarks.growth import Curve
 from benchmarks.table import HEADER, Row, collected, line, markdown, write_csv
-from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.machine.files import staged_path, writable_folder
 
 PACKAGES = ("pymc-ship", "numpy", "scipy", "numba", "pymc", "nutpie", "arviz", "xarray", "PyWavelets")
 PEERS = ("scikit-learn", "scikit-image", "shipmmg")
@@ -113,19 +113,19 @@ def page(rows: Sequence[Row], grown: Sequence[Curve], machine: str, versions: st
 
 def write(rows: Sequence[Row], grown: Sequence[Curve], text: str, out: Path) -> None:
     """Write page, tables and figures; each appears under its name when complete."""
-    with staged(out / "figures") as folder:
+    with staged_path(out / "figures") as folder:
         folder.mkdir()
         for curve in grown:
             growth.draw_figure(curve, folder / f"{curve.name}.png")
-    with staged(out / "benchmarks.csv") as partial_path:
+    with staged_path(out / "benchmarks.csv") as partial_path:
         write_csv(rows, partial_path)
-    with staged(out / "growth.csv") as partial_path, partial_path.open("w", encoding="utf-8", newline="") as file:
+    with staged_path(out / "growth.csv") as partial_path, partial_path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("curve", "method", "size", "seconds"))
         for curve in grown:
             for method, seconds in curve.seconds.items():
                 writer.writerows((curve.name, method, n, f"{s:.4g}") for n, s in zip(curve.sizes, seconds, strict=True))
-    with staged(out / "benchmarks.md") as partial_path:
+    with staged_path(out / "benchmarks.md") as partial_path:
         partial_path.write_text(text, encoding="utf-8")
 
 

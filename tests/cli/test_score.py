@@ -37,8 +37,8 @@ def test_a_table_of_every_channel_and_a_score(record, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--length", "-3"], "windows of a positive length"),
-        (["--length", "1e5"], "A score needs a record of a window"),
+        (["--length", "-3"], "positive length and distance of windows"),
+        (["--length", "1e5"], "A score needs a record of"),
         (["--draws", "0"], "A replay needs a draw"),
     ],
 )

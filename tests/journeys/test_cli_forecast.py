@@ -42,7 +42,7 @@ def test_forecast_writes_a_page_and_prints_indices_beside_the_reference(made, sm
     assert [float(row["time"]) for row in over_time] == tree["bands"]["time"].values.tolist()
     printed = capsys.readouterr().out
     assert printed.startswith("zigzag 10/10 starboard: 30 draws, 0 % diverged, bands of 90%\n")
-    assert printed.count("\nExtrapolation is unknown: the posterior does not hold the motion it was fitted to.\n") == 3
+    assert printed.count("\nExtrapolation is unknown: the posterior has no motion of the runs it was fitted to.\n") == 3
     assert "maximum roll angle" not in printed
     assert printed.count(f"\n{NO_ROLL}\n") == 3
     line = next(line.split() for line in printed.splitlines() if line.startswith("first overshoot angle"))

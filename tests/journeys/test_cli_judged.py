@@ -35,7 +35,7 @@ def test_a_roll_that_the_vessel_file_does_not_have_is_told_before_the_work_begin
     rolling = ps.write_trial(trial.assign(phi=0.05 * np.sin(swing), p=0.015 * np.cos(swing)), tmp_path / "rolling.csv")
     words = (command, rolling, "--vessel", made / "small.toml", *more, "--out", rolling / "below")
     assert main(list(map(str, words))) == 2
-    assert f"\n{rolling}: The record has roll rate p and roll angle φ, the vessel" in capsys.readouterr().err
+    assert f"\n{rolling}: The record has roll rate p and roll angle φ, but the vessel" in capsys.readouterr().err
 
 
 def test_an_overruled_check_is_named_in_text_posterior_and_page(made, flipped, tmp_path, capsys):

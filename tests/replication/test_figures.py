@@ -225,7 +225,7 @@ def test_a_forecast_states_its_shares_below_its_bands(known, words):
         tree.attrs |= {"share_extrapolated": known, "share_diverged": diverged}
     conjugate, semiconjugate = figures.forecast_channels(reference, forecasts).get_supxlabel().splitlines()
     assert conjugate == f"conjugate: 6 draws, 0 % diverged{words}"
-    assert semiconjugate == f"semiconjugate: 6 ships, 50 % diverged{words}"
+    assert semiconjugate == f"semiconjugate: 6 draws, 50 % diverged{words}"
 
 
 def test_the_circle_of_a_reference_that_runs_away_is_drawn_until_then():

@@ -59,7 +59,7 @@ def test_posteriors_and_figures_of_an_earlier_study_go(earlier):
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, RuntimeError])
-@pytest.mark.parametrize("page", ["study_content", "diagnostic_content", "rendered"])
+@pytest.mark.parametrize("page", ["study_content", "diagnostic_content", "render_page"])
 def test_a_page_that_cannot_be_rendered_leaves_everything_as_it_was(earlier, monkeypatch, page, stop):
     def fail(*arguments, **settings):
         raise stop("stopped")

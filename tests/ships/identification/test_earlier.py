@@ -128,7 +128,7 @@ def test_coefficients_without_a_place_are_refused_and_constants_of_runs_are_not(
         names, GaussianLikelihood(np.array([[1.0, 0.0, 0.0]]), np.ones(1)), np.zeros(1), np.zeros(3), np.ones(3)
     )
     found = earlier.for_vessel(tanker())
-    assert found.rows[0].sum() == 1.0
+    assert found.design[0].sum() == 1.0
     with refused(InferenceError, "nothing"):
         replace(earlier, gaussian=GaussianLikelihood(np.array([[1.0, 2.0, 0.0]]), np.ones(1))).for_vessel(tanker())
 

@@ -101,8 +101,8 @@ def test_the_page_names_the_runs_and_their_steering(text):
     made = sum(check.verdict != "not checked" for check in checks()["b"])
     assert lines["b"][-2:] == [str(made), "doubtful"]
     gear = model().ship.facilities[""]
-    assert f"movements: {gear.rudder_rate_deg:.3g} deg/s; the vessel file says 2.35 deg/s." in text
-    assert f"movements: {gear.rudder_delay:.3g} s; the vessel file says 2.5 s." in text
+    assert f"movements: {gear.rudder_rate_deg:.3g} deg/s; in the vessel file 2.35 deg/s." in text
+    assert f"movements: {gear.rudder_delay:.3g} s; in the vessel file 2.5 s." in text
 
 
 @pytest.mark.usefixtures("quick")

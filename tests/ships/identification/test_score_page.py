@@ -94,12 +94,12 @@ def test_the_figures_draw_the_errors_and_the_windows(scored, records):
     assert len([line for line in fig.axes[0].lines if line.get_marker() == "o"]) == 3
 
 
-def test_a_ship_that_runs_away_has_no_score(records, tmp_path):
+def test_a_ship_that_diverges_has_no_score(records, tmp_path):
     ship = altered("Nr", -20.0)
     found = ps.score(ship, records["zigzag"], names=["zigzag"], length=150)
     assert np.isnan(found.attrs["score"])
     assert any(np.isnan(row["rmse"]) for row in channel_rows(found))
     page = write_score_page(ship, {"zigzag": records["zigzag"]}, found, index_table(()), tmp_path, draws=1, command="x")
     text = page.read_text(encoding="utf-8")
-    assert "No score: the ship runs away" in text
+    assert "No score: the simulation diverges in a window of a run." in text
     assert "No record is a standard manoeuvre." in text

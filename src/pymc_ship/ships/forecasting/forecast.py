@@ -156,7 +156,7 @@ def _steering_sentence(vessel: Vessel, facilities: Mapping[str, Steering], facil
     """Sentence on the steering gear of a forecast and its facility."""
     gear, where = vessel.particulars, facility or next(iter(facilities), "")
     named = f" as at {where}" if where and facilities[where].n_reversals else ""
-    unidentified = f" (no run at {where} reverses its rudder)" if where and not named else ""
+    unidentified = f" (no run at {where} reverses the rudder)" if where and not named else ""
     return f"The rudder moves{named} at {gear.rudder_rate_deg:.3g} deg/s after {gear.rudder_delay:.3g} s{unidentified}."
 
 
