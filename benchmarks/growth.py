@@ -85,7 +85,7 @@ def draws(data, prior) -> Curve:
     exact = prior.exact(data)
 
     def gibbs(n: int) -> Callable:
-        return lambda: gibbs(data, prior, draws=n // 4, chains=4, tune=0, rng=np.random.default_rng(0))
+        return lambda: ps.gibbs_posterior(data, prior, draws=n // 4, chains=4, tune=0, rng=np.random.default_rng(0))
 
     methods = {"exact": lambda n: lambda: exact.draw(n, np.random.default_rng(0)), "Gibbs, 4 chains": gibbs}
     sizes = (100, 1000, 10_000, 100_000)
