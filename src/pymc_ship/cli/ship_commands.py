@@ -29,9 +29,9 @@ from pymc_ship.cli.texts import (
     form_text,
     held_out_text,
     index_text,
-    probability_text,
     score_text,
     term_set_text,
+    verdict_text,
 )
 from pymc_ship.inference.regression.tree import FILES, read_posterior
 from pymc_ship.machine.errors import SimulationError
@@ -74,21 +74,36 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         "draws": args.draws,
     }
     try:
-        found = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
+        identification = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
     except FitError as error:
         if not error.refusals:
             raise
         page = write_refusals(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
     progress("forecasting standard manoeuvres and choosing the next run")
-    summary = manoeuvring_summary(found.ship, rng)
+    summary = manoeuvring_summary(identification.ship, rng)
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
-    made |= {"forecasts": summary.forecasts, "summary": summary.sentences, "captive": captive_comparison(found, rng)}
+    made |= {
+        "forecasts": summary.forecasts,
+        "summary": summary.sentences,
+        "captive": captive_comparison(identification, rng),
+    }
     with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
-        save_ship(found.ship, folder, made_by=made_by(args), runs=found.names, quality_flags=found.quality_flags)
-        write_ship_report(found, trials, checks, folder, **made)
-    text = [term_set_text(found), held_out_text(found), "\n".join(summary.sentences), "\n".join(found.ship.remarks)]
-    return "\n\n".join(filter(None, [*text, found.quality_flags["record_remarks"]])), out / PAGE.file
+        save_ship(
+            identification.ship,
+            folder,
+            made_by=made_by(args),
+            runs=identification.names,
+            quality_flags=identification.quality_flags,
+        )
+        write_ship_report(identification, trials, checks, folder, **made)
+    text = [
+        term_set_text(identification),
+        held_out_text(identification),
+        "\n".join(summary.sentences),
+        "\n".join(identification.ship.remarks),
+    ]
+    return "\n\n".join(filter(None, [*text, identification.quality_flags["record_remarks"]])), out / PAGE.file
 
 
 def _names(paths: Sequence[str]) -> list[str]:
@@ -351,7 +366,7 @@ def _text(
         forecast_text(tree, columns),
         tree.attrs["steering"],
         refused_sentence(tree),
-        probability_text(verdicts),
+        verdict_text(verdicts),
         tree.attrs.get("reliability", "") if verdicts else "",
     ]
     return "\n".join(filter(None, parts))

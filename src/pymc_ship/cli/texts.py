@@ -169,21 +169,21 @@ def forecast_text(tree: xr.DataTree, columns: Mapping[str, Mapping[Any, Any]]) -
     return "\n".join([*lines, tree.attrs["extrapolation"]])
 
 
-def probability_text(rows: Iterable[Mapping]) -> str:
+def verdict_text(rows: Iterable[Mapping]) -> str:
     """One sentence for each IMO criterion that applies."""
     return "\n".join(f"IMO MSC.137(76): {row['verdict']}" for row in rows)
 
 
-def term_set_text(found: ShipIdentification) -> str:
+def term_set_text(identification: ShipIdentification) -> str:
     """Weight, held-out elpd and errors of every term set."""
-    channels = dict.fromkeys(name for candidate in found.candidates for name in candidate.held_out.rms)
+    channels = dict.fromkeys(name for candidate in identification.candidates for name in candidate.held_out.rms)
     rows = [
         (
             *(c.name, c.weight, c.held_out.log_density.sum()),
             *(c.held_out.rms.get(name, math.nan) for name in channels),
             f"{c.infeasible_fraction:.0%}",
         )
-        for c in found.candidates
+        for c in identification.candidates
     ]
     errors = (f"rms {name} [{_unit(name)}]" for name in channels)
     return table(("term set", "weight", "elpd", *errors, "diverged"), rows, "Term sets, on held-out runs")
@@ -240,12 +240,12 @@ def form_text(form: Sequence[Mapping]) -> str:
     return table(keys, [[row[key] for key in keys] for row in form], "Manoeuvring data, IMO MSC/Circ.1053")
 
 
-def held_out_text(found: ShipIdentification) -> str:
+def held_out_text(identification: ShipIdentification) -> str:
     """Indices of each held-out manoeuvre and their forecasts; empty without held-out runs."""
-    if not found.held_out_indices.sizes["run"]:
+    if not identification.held_out_indices.sizes["run"]:
         return ""
-    units, rows = _index_units(found.held_out_indices), []
-    for row in index_rows(found.held_out_indices):
+    units, rows = _index_units(identification.held_out_indices), []
+    for row in index_rows(identification.held_out_indices):
         index = row["index"].replace("_", " ")
         rows.append([row["run"], row["manoeuvre"], index, row["measured"], row["forecast"], row["sd"], units[index]])
     header = ("run", "manoeuvre", "index", "measured", "forecast", "± sd", "unit")

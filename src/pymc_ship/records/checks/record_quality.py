@@ -124,15 +124,15 @@ def spikes(values: np.ndarray) -> np.ndarray:
     sd = np.maximum(second_difference_sd(values[None])[0], median_filter(np.abs(away), _SURROUNDINGS) / 0.6745)
     limit = np.maximum(SPIKE * sd, LEAST_SPIKE * (high - low))
     out = np.flatnonzero((np.abs(away) > limit) & (limit > 0.0))
-    found: list[int] = []
+    spikes: list[int] = []
     for group in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1):
         if 0 < group.size <= _LONGEST_SPIKE:
             sides = values[[k for k in (group[0] - 1, group[-1] + 1) if 0 <= k < values.size]]
             steps = values[group][:, None] - sides
             least = limit[group][:, None]
             if (steps > least).all() or (steps < -least).all():
-                found.extend(group)
-    return np.array(found, dtype=int)
+                spikes.extend(group)
+    return np.array(spikes, dtype=int)
 
 
 def spike_check(trial: xr.Dataset) -> Check:

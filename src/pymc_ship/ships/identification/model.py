@@ -154,10 +154,10 @@ def identify_ship(
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
     >>> runs = [ps.simulate(vessel, ps.zigzag(angle, angle), duration=400, step=0.5) for angle in (10, 20)]
     >>> runs = [ps.pollute(run, level=0.005, rng=rng) for run in runs]
-    >>> found = ps.identify_ship(runs, vessel, terms=["hull and loading"], draws=100, rng=rng)
-    >>> [(manoeuvre.kind, manoeuvre.rudder_deg) for manoeuvre in found.manoeuvres]
+    >>> identification = ps.identify_ship(runs, vessel, terms=["hull and loading"], draws=100, rng=rng)
+    >>> [(manoeuvre.kind, manoeuvre.rudder_deg) for manoeuvre in identification.manoeuvres]
     [('zigzag', 10.0), ('zigzag', 20.0)]
-    >>> found.ship
+    >>> identification.ship
     Ship(kvlcc2: 1 model, 100 draws, errors beyond the draws from 2 held-out runs)
     """
     rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)

@@ -428,13 +428,13 @@ def _evidence(result: ShipIdentification, rows: Mapping[str, list[dict]], summar
     best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
     share = sum(row["weight"] * row["infeasible_fraction"] for row in drawn)
     worst = [row["run"] for row in rows["runs"] if row["verdict"] in _DOUBTS]
-    found = [
+    sentences = [
         f"{len(result.candidates)} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %.",
         *_summary(rows["held_out_indices"]),
         f"Runs with a doubtful check: {', '.join(worst)}." if worst else "No check of a run is doubtful.",
     ]
     text = f"{rounded_percent(share)} diverged and were replaced by new draws" if share else "none diverged"
-    return [*found, f"Every draw of the coefficients was simulated in six standard manoeuvres; {text}.", *summary]
+    return [*sentences, f"Every draw of the coefficients was simulated in six standard manoeuvres; {text}.", *summary]
 
 
 _PRIORS = {
@@ -446,22 +446,24 @@ _PRIORS = {
 
 def _steering(result: ShipIdentification, given: Vessel | None) -> list[str]:
     """Sentences on the measured steering gear and that of the vessel file."""
-    found, first = [], next(iter(result.ship.facilities))
+    sentences, first = [], next(iter(result.ship.facilities))
     main = first or "the runs without a facility"
     for name, gear in result.ship.facilities.items():
         where = f" at {name}" if name else ""
         if not gear.n_reversals:
             whose = "the vessel file" if name == first or not result.ship.facilities[first].n_reversals else main
-            found.append(f"No run{where} reverses the rudder: the steering gear is that of {whose}.")
+            sentences.append(f"No run{where} reverses the rudder: the steering gear is that of {whose}.")
             continue
         for key, word, unit in (("rudder_rate_deg", "rate", "deg/s"), ("rudder_delay", "delay", "s")):
             text = f"Rudder {word}{where} measured over {gear.n_reversals} movements: {getattr(gear, key):.3g} {unit}"
             stated = "" if given is None else f"; in the vessel file {getattr(given.particulars, key):.3g} {unit}"
-            found.append(f"{text}{stated}.")
+            sentences.append(f"{text}{stated}.")
     if len(result.ship.facilities) > 1:
-        return [*found, f"Forecasts use the gear of {main} by default."]
+        return [*sentences, f"Forecasts use the gear of {main} by default."]
     return (
-        [*found, "Fits and forecasts use the measured values."] if result.ship.facilities[first].n_reversals else found
+        [*sentences, "Fits and forecasts use the measured values."]
+        if result.ship.facilities[first].n_reversals
+        else sentences
     )
 
 
@@ -476,14 +478,14 @@ def _summary(rows: Sequence[Mapping]) -> list[str]:
     if not rows:
         return []
     errors, n = overshoot_errors(rows), number(2)
-    found = [
+    sentences = [
         f"{word} of held-out zigzags: error {n(errors[f'{name}_overshoot_angle_mean'])} deg in the mean, "
         f"{n(errors[f'{name}_overshoot_angle_max'])} deg at most."
         for name, word in _WORDS.items()
         if np.isfinite(errors[f"{name}_overshoot_angle_mean"])
     ]
     if np.isfinite(errors["overshoot_time_median"]):
-        found.append(f"Time to overshoot: error {n(errors['overshoot_time_median'])} % in the median.")
+        sentences.append(f"Time to overshoot: error {n(errors['overshoot_time_median'])} % in the median.")
     covered = coverage(rows)
     text = f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of {len(rows)} held-out indices"
     others = (
@@ -491,7 +493,7 @@ def _summary(rows: Sequence[Mapping]) -> list[str]:
         "runs alone"
     )
     known = all(np.isfinite(row["leave_one_out_sd"]) for row in rows)
-    return [*found, f"{text}{others if known else ''}."]
+    return [*sentences, f"{text}{others if known else ''}."]
 
 
 def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
@@ -538,7 +540,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     }
     heads = {"median": "sd [%]", "upper": "95 % below"}
     sizes: Columns = {key: (head, lambda value: fixed_point(1)(100.0 * value)) for key, head in heads.items()}
-    found: dict[str, tuple[list[dict], Columns]] = {
+    tables: dict[str, tuple[list[dict], Columns]] = {
         "runs": (rows["runs"], runs),
         "term_sets": ([_shown(row, channels) for row in rows["term_sets"]], sets),
         "refusals": (rows["refusals"], _REFUSALS),
@@ -551,11 +553,11 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
         four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}
         four = {"coefficient": ("parameter", str)} | four | {"prior_sds_away": ("sd away", fixed_point(1))}
         free = [row for row in rows["coefficients"] if row["known_sd"] > FIXED_SD]
-        found["parameters"] = (free, four | {"unit": ("unit, or what it is", str), "source": ("known from", str)})
+        tables["parameters"] = (free, four | {"unit": ("unit, or what it is", str), "source": ("known from", str)})
     for dof in result.candidates[0].vessel.dofs if not result.candidates[0].vessel.modular else ():
         mine = [row for row in rows["coefficients"] if row["coefficient"][0] == LETTER[dof]]
-        found[f"coefficients_{dof}"] = ([_prime(row) for row in mine], coefficients)
-    return {name: table(lines, columns) for name, (lines, columns) in found.items() if lines}
+        tables[f"coefficients_{dof}"] = ([_prime(row) for row in mine], coefficients)
+    return {name: table(lines, columns) for name, (lines, columns) in tables.items() if lines}
 
 
 def _rms_columns(channels: Sequence[str]) -> dict:
@@ -574,10 +576,10 @@ def _score(value: object) -> str:
 
 def _shown(row: Mapping, channels: Sequence[str]) -> dict:
     """Row of a term set with rates in degrees and shares in percent."""
-    found = dict(row)
+    cells = dict(row)
     for channel in channels:
-        found[f"rms_{channel}"] = CHANNELS[channel].unit.display_factor * row.get(f"rms_{channel}", np.nan)
-    return found | {key: 100.0 * row[key] for key in ("weight", "infeasible_fraction")}
+        cells[f"rms_{channel}"] = CHANNELS[channel].unit.display_factor * row.get(f"rms_{channel}", np.nan)
+    return cells | {key: 100.0 * row[key] for key in ("weight", "infeasible_fraction")}
 
 
 def _named(row: Mapping) -> dict:

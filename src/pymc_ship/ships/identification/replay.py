@@ -159,8 +159,8 @@ def score(
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> found = ps.score(vessel, trial)
-    >>> bool(found.attrs["score"] < 0.05), int(found["diverged"].sum())
+    >>> scores = ps.score(vessel, trial)
+    >>> bool(scores.attrs["score"] < 0.05), int(scores["diverged"].sum())
     (True, 0)
     """
     ship, trials = as_ship(ship), trial_list(trials)
@@ -227,14 +227,14 @@ def score_indices(
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5, method="rk4")
-    >>> found = ps.score_indices(vessel, trial, rng=1).sel(run="1", index="first_overshoot_angle")
-    >>> bool(abs(found["forecast"] - found["measured"]) < 0.5)
+    >>> first = ps.score_indices(vessel, trial, rng=1).sel(run="1", index="first_overshoot_angle")
+    >>> bool(abs(first["forecast"] - first["measured"]) < 0.5)
     True
     """
     rng, ship, trials = random_generator(rng), as_ship(ship), trial_list(trials)
     names = names or [str(k + 1) for k in range(len(trials))]
-    found, errors = thinned_draws(ship.models, draws), ship.index_error or {}
-    weight = np.array([len(rows) for _, rows in found], dtype=float)
+    drawn_models, errors = thinned_draws(ship.models, draws), ship.index_error or {}
+    weight = np.array([len(rows) for _, rows in drawn_models], dtype=float)
     manoeuvres, _ = recognise_by_facility(trials, ship.vessel)
     rows = []
     for name, trial, manoeuvre in zip(names, trials, manoeuvres, strict=True):
@@ -242,7 +242,7 @@ def score_indices(
             gear = ship.facilities.get(facility_of(trial))
             models = [
                 (with_steering(vessel, gear) if gear else vessel, np.vstack([drawn.mean(axis=0), drawn]))
-                for vessel, drawn in found
+                for vessel, drawn in drawn_models
             ]
             delay = models[0][0].particulars.rudder_delay
             noise = {} if ship.index_error is None else index_noise_sd(trial, manoeuvre, delay, rng)
@@ -258,7 +258,7 @@ def _score_run(
     begins = np.arange(time[0], time[-1] - length + 1e-9, every)
     if not begins.size:
         raise TrialError(
-            f"A score needs a record of {length:g} s or more, found {np.ptp(time):.4g} s; give a shorter length."
+            f"A score needs a record of {length:g} s or more, drawn_models {np.ptp(time):.4g} s; give a shorter length."
         )
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
     complete = [tree for tree in trees if np.isfinite(tree["bands"].dataset["u"].values[:, -1]).all()]

@@ -81,8 +81,8 @@ def drift_current(trial: xr.Dataset) -> DriftCurrent:
     >>> import pymc_ship as ps
     >>> from pymc_ship.ships.sea_trials.current import drift_current
     >>> circle = ps.simulate("kvlcc2", ps.turning_circle(35), duration=2400, step=0.5, current=(0.5, 90))
-    >>> found = drift_current(circle)
-    >>> print(f"{found.speed:.2f} m/s to {found.direction:.0f} deg")
+    >>> current = drift_current(circle)
+    >>> print(f"{current.speed:.2f} m/s to {current.direction:.0f} deg")
     0.50 m/s to 90 deg
     """
     check_trial(trial, ("psi", "delta", "x", "y"))

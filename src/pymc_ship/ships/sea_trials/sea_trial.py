@@ -129,8 +129,8 @@ def sea_trial(
     >>> vessel, current = ps.load_vessel("kvlcc2"), (0.5, 90)
     >>> runs = {"circle": ps.simulate(vessel, ps.turning_circle(35), duration=2400, step=0.5, current=current)}
     >>> runs["zigzag"] = ps.simulate(vessel, ps.zigzag(10, 10), duration=900, step=0.5, current=current)
-    >>> found = ps.sea_trial(runs, vessel, rng=1)
-    >>> row = next(row for row in found.indices if row["index"] == "tactical_diameter")
+    >>> result = ps.sea_trial(runs, vessel, rng=1)
+    >>> row = next(row for row in result.indices if row["index"] == "tactical_diameter")
     >>> print(f"{row['raw']:.2f} L, without the current {row['corrected']:.2f} L, limit {row['limit']:g} L")
     2.91 L, without the current 3.61 L, limit 5 L
     """
