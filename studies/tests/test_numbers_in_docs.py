@@ -78,7 +78,7 @@ def of_paper():
         f"noise levels of {float(bound[0]['level']):.4f} or less",
         f"a median error of {flat} % with a flat prior, beside {cramer_rao} % of the bound. With the order-damped "
         f"prior it is {damped} %",
-        f"At most {max(float(line['sailed']) for line in prior if line['choice'] != 'posterior'):.1f} % of its draws",
+        f"At most {max(float(line['complete']) for line in prior if line['choice'] != 'posterior'):.1f} % of its draws",
         f"in {sum(line['agrees'] == 'yes' for line in agreement)} of {len(agreement)} comparisons",
     ]
 
