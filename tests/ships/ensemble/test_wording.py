@@ -72,10 +72,7 @@ def without_a_part(tmp_path, part):
 test_ship_errors = wording(
     ps.VesselError,
     ("one joint posterior or posteriors by degree of freedom", lambda: of_posterior(posteriors="posterior.nc")),
-    (
-        "lacks .* of 'kvlcc2'; use its own",
-        lambda: of_posterior(posteriors=posterior(["Yv"], np.zeros((2, 1)))),
-    ),
+    ("lacks .* of 'kvlcc2'; use its own", lambda: of_posterior(posteriors=posterior(["Yv"], np.zeros((2, 1))))),
     (r"none\.toml", lambda tmp_path: ps.Ship.from_vessel(tmp_path / "none.toml")),
     (
         f"The sway posterior lacks {first_two('sway')} of 'container'; use its own terms",
@@ -114,10 +111,7 @@ test_ship_errors = wording(
         for number in sorted(MIGRATIONS)
     ),
     *(
-        (
-            "was written by another version of pymc_ship",
-            lambda tmp_path, part=part: without_a_part(tmp_path, part),
-        )
+        ("was written by another version of pymc_ship", lambda tmp_path, part=part: without_a_part(tmp_path, part))
         for part in ["held_out_indices", "uses_captive_tests", "motion_error", "facilities"]
     ),
     ("holds no identified ship: No such file or directory; run", lambda tmp_path: ps.load_ship(tmp_path)),
@@ -128,10 +122,7 @@ test_value_errors = wording(
     ("needs two draws or more, found 1; give a larger `draws`", lambda: of_posterior(draws=1)),
     ("found 1.0 for 'speed'; correct it", lambda: of_posterior(noise_sd={"speed": 1.0})),
     *(
-        (
-            "standard deviation from 0 up for any of u, v, .* found",
-            lambda noise=noise: of_posterior(noise_sd=noise),
-        )
+        ("standard deviation from 0 up for any of u, v, .* found", lambda noise=noise: of_posterior(noise_sd=noise))
         for noise in [{"u": -1.0}, {"u": np.nan}, {"u": np.inf}]
     ),
 )

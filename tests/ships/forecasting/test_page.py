@@ -113,10 +113,7 @@ def test_the_verdict_of_every_manoeuvre_heads_the_page(page):
 def test_every_manoeuvre_has_its_numbers_shares_and_figures(page):
     text = page.read_text(encoding="utf-8")
     sections = dict(re.findall(r'<section id="(forecast_[^"]+)">(.*?)</section>', text, re.S))
-    assert list(sections) == [
-        "forecast_zigzag_10_10_port",
-        "forecast_turning_circle_35_port",
-    ]
+    assert list(sections) == ["forecast_zigzag_10_10_port", "forecast_turning_circle_35_port"]
     first, verdict = "forecast_zigzag_10_10_port_track", text[text.index('id="verdict"') : text.index("<nav")]
     assert f'<figure id="{first}"><svg' in verdict
     for name, section in sections.items():

@@ -98,10 +98,7 @@ test_value_errors = wording(
         for settings in [{"draws": 1}, {"ci_prob": 0.0}, {"ci_prob": 1.0}, {"ci_prob": np.nan}]
     ),
     ("found none; add one", lambda: force_curves([])),
-    (
-        r"have shape \(draws, 102\)",
-        lambda container: force_curves([(container, np.zeros((3, 5)))]),
-    ),
+    (r"have shape \(draws, 102\)", lambda container: force_curves([(container, np.zeros((3, 5)))])),
     (
         "at least one forecast, found none",
         lambda container, tmp_path: write_forecast_page(container, {}, tmp_path, command=""),

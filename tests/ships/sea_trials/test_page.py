@@ -79,21 +79,7 @@ def test_the_least_favourable_run_and_judgement_stand_in_the_form():
 def trial(tmp_path_factory):
     path = tmp_path_factory.mktemp("runs") / "circle.csv"
     assert (
-        main(
-            [
-                "simulate",
-                "kvlcc2",
-                "--turn",
-                "35",
-                "--duration",
-                "1500",
-                "--step",
-                "1",
-                "--quiet",
-                "--out",
-                str(path),
-            ]
-        )
+        main(["simulate", "kvlcc2", "--turn", "35", "--duration", "1500", "--step", "1", "--quiet", "--out", str(path)])
         == 0
     )
     return path

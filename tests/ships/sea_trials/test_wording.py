@@ -54,10 +54,7 @@ test_trial_errors = wording(
         "found 200 m and 320 m",
         lambda: at_full_load(replace(tanker(), particulars=replace(tanker().particulars, L=200.0)), ship=ship()),
     ),
-    (
-        "630 deg at least, found 4",
-        lambda: drift_current(sailed(CIRCLE, 1100, wind=None)),
-    ),
+    ("630 deg at least, found 4", lambda: drift_current(sailed(CIRCLE, 1100, wind=None))),
     ("x, y missing", lambda: drift_current(sailed(CIRCLE, 2400, wind=None).drop_vars(["x", "y"]))),
     ("No run is of a standard manoeuvre", without_a_manoeuvre),
 )

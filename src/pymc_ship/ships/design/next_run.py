@@ -1,7 +1,7 @@
 """Design of the next run of a ship: the candidate whose indices reduce the intervals of the targets most.
 
 Variance of the targets given the indices of a candidate: linear Bayes estimate over the ensemble of draws (Goldstein &
-Wooff 2007, doi:10.1002/9780470065662, section 3.1). Noise: model error and readings of held-out runs.
+Wooff 2007, doi:10.1002/9780470065662, section 3.1).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ CANDIDATES = tuple(
 )
 """Default candidates."""
 
-_ASKED = ("angle", "distance")  # quantities of the target indices
+_TARGET_QUANTITIES = ("angle", "distance")
 _REACHED = 0.9  # least fraction of the draws that reach an index
 _INSIDE = 0.95  # probability of intervals, and fraction of the draws inside the sea room
 _ROUNDS = np.deg2rad(540.0)  # change of heading at the end of a circle
@@ -55,11 +55,11 @@ _QUANTILE = float(ndtri(0.5 + 0.5 * _INSIDE))
 
 
 class _Run(NamedTuple):
-    """Manoeuvre of all draws: motion (draw, time), last sample of each draw, and indices."""
+    """Simulations of a manoeuvre with all draws."""
 
     manoeuvre: Manoeuvre
-    ships: xr.Dataset
-    end: np.ndarray
+    ships: xr.Dataset  # motion (draw, time)
+    end: np.ndarray  # last sample of each draw
     indices: xr.Dataset
 
     def reached_indices(self, names: Sequence[str]) -> list[str]:
@@ -72,12 +72,12 @@ class _Run(NamedTuple):
         return np.array(values).T if names else np.empty((self.indices.sizes["draw"], 0))
 
 
-class _Known(NamedTuple):
-    """Data of runs: columns of their indices (n_draws, k), noise sd (k,), and the motion of all runs."""
+class _Data(NamedTuple):
+    """Data of runs."""
 
-    indices: np.ndarray
-    noise: np.ndarray
-    motion: xr.DataArray
+    indices: np.ndarray  # (n_draws, k)
+    noise_sd: np.ndarray  # (k,)
+    motion: xr.DataArray  # prime, of all runs
 
 
 def design(
@@ -96,8 +96,7 @@ def design(
     Parameters
     ----------
     ship : Ship
-        From :func:`pymc_ship.identify_ship`, :func:`pymc_ship.load_ship` or :meth:`pymc_ship.Ship.from_posterior`. A
-        ship without laws of its errors has the typical ones of other ships.
+        One without laws of its errors has the typical ones of other ships.
     candidates : mapping of str to Manoeuvre or sequence of Manoeuvre, optional
         Manoeuvres with indices.
     n : int, optional
@@ -105,12 +104,12 @@ def design(
     interest : sequence of Manoeuvre, optional
         Manoeuvres to forecast well, in calm water: overshoot angles, advance, transfer and tactical diameter.
     sea_room : float, optional
-        Sea room [m]. A candidate needs the longest distance of two points of its track, for 95 % of the draws.
+        [m]. A candidate needs the longest distance of two points of its track, for 95 % of the draws.
     wind : (speed, direction), optional
         Of the next runs, as in :func:`pymc_ship.simulate`, direction relative to the approach course. Term sets
         without wind forces are omitted.
     draws : int, optional
-        Total number of draws, at least one of each term set; a draw that diverges reaches no index.
+        Total number, at least one of each term set.
     progress : callable, optional
         Called with a short text before each manoeuvre.
 
@@ -118,14 +117,14 @@ def design(
     -------
     Dataset, dims (step, candidate, stage, target)
         ``width_ratio`` (step, candidate): width of the target intervals over that of today, geometric mean; NaN
-        without enough sea room. ``sea_room`` (candidate) [m]. ``chosen`` (step). ``half_width``
-        (stage, target) of intervals of 95 %, now and after each run, in the ``units`` of the target.
+        without enough sea room. ``sea_room`` (candidate) [m]. ``chosen`` (step). ``half_width`` (stage, target) of
+        intervals of 95 %, now and after each run, in the ``units`` of the target.
 
     Raises
     ------
     SimulationError
-        Without a candidate that has indices and sea room, a target that nine tenths of the draws reach or, with wind,
-        a term set with wind forces; for counts below one.
+        For a count below one, or without a candidate that has indices and sea room, a target that nine tenths of the
+        draws reach or, with wind, a term set with wind forces.
 
     Examples
     --------
@@ -142,7 +141,7 @@ def design(
     >>> plan["chosen"].item()
     'turning circle 35 port'
     """
-    ship, by_label = as_ship(ship), labelled_trials(candidates)
+    ship, by_label = as_ship(ship), _labelled(candidates)
     have_indices = [isinstance(one, Manoeuvre) and bool(one.traits.indices) for one in (*by_label.values(), *interest)]
     if n < 1 or draws < 2 or not by_label or not interest or not all(have_indices):
         raise SimulationError(
@@ -165,17 +164,10 @@ def design(
 
 
 def _simulate_run(models: Sequence[tuple[Vessel, np.ndarray]], manoeuvre: Manoeuvre, **around: Any) -> _Run:
-    runs = [
-        simulate(
-            vessel,
-            manoeuvre,
-            duration=manoeuvre.traits.reach * vessel.particulars.ship_time,
-            coefficients=rows,
-            **simulation_settings(vessel),
-            **around,
-        )
-        for vessel, rows in models
-    ]
+    runs = []
+    for vessel, rows in models:
+        settings = simulation_settings(vessel) | {"duration": manoeuvre.traits.reach * vessel.particulars.ship_time}
+        runs.append(simulate(vessel, manoeuvre, coefficients=rows, **settings, **around))
     ships = xr.concat(runs, "draw", combine_attrs="override")
     heading_change, last_index = ships["psi"].values - ships["psi"].values[:, :1], ships.sizes["time"] - 1
     finished = np.zeros(heading_change.shape, dtype=bool)
@@ -198,29 +190,15 @@ def _room(run: _Run) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Design:
-    """Target runs with names and values (n_draws, n_targets) of their indices.
-
-    ``errors``: sizes of the model error by kind; ``rows``: held-out indices; ``central``: draw nearest to the median of
-    all targets; ``known``: data before any new run.
-    """
+    """Targets of a design, and what the intervals of their indices depend on."""
 
     vessel: Vessel
-    errors: Mapping[str, np.ndarray]
-    rows: Sequence[Mapping]
-    targets: Sequence[tuple[_Run, list[str]]]
-    target_values: np.ndarray
-    central: int
-    known: _Known
-
-    @property
-    def labels(self) -> list[str]:
-        """Manoeuvre and index of each target, in words."""
-        return [f"{run.manoeuvre.label}, {name.replace('_', ' ')}" for run, names in self.targets for name in names]
-
-    @property
-    def units(self) -> list[str]:
-        """Unit of each target."""
-        return [run.manoeuvre.traits.indices[name].units for run, names in self.targets for name in names]
+    errors: Mapping[str, np.ndarray]  # sizes of the model error by kind
+    rows: Sequence[Mapping]  # held-out indices
+    targets: Sequence[tuple[_Run, list[str]]]  # runs with the names of their target indices
+    target_values: np.ndarray  # (n_draws, n_targets)
+    central: int  # draw nearest to the median of all targets
+    data: _Data  # before any new run
 
     def _error(self, run: _Run, names: Sequence[str], motion: xr.DataArray) -> np.ndarray:
         """Sd of the error of each index, (n_names, SIZES), of a model fitted to this motion."""
@@ -241,25 +219,24 @@ class _Design:
         table, known = run.manoeuvre.traits.indices, {*self.errors, *(("diameter",) if "rate" in self.errors else ())}
         return run.reached_indices([name for name, index in table.items() if index.quantity in known - {"roll"}])
 
-    def after(self, known: _Known, run: _Run) -> _Known:
+    def after(self, data: _Data, run: _Run) -> _Data:
         """Data after one more run."""
         names, ship = self._measured_indices(run), self._central_motion(run)
         prime, _, _ = prime_record(self.vessel, {name: ship[name].values for name in (*STATE[:5], "delta")})
         rows = xr.DataArray(np.column_stack([prime[symbol] for symbol in SYMBOLS]), dims=("row", "symbol"))
         rows = rows.assign_coords(symbol=list(SYMBOLS)).dropna("row")
         readings = readings_noise(run.indices[names], self.rows, self.vessel)
-        errors = zip(names, self._error(run, names, known.motion), strict=True)
-        noise = [equivalent_sd(np.hypot(sd, readings[name])) for name, sd in errors]
-        columns = np.concatenate([known.indices, run.columns(names)], axis=1)
-        return _Known(columns, np.append(known.noise, noise), xr.concat([known.motion, rows], "row"))
+        errors = zip(names, self._error(run, names, data.motion), strict=True)
+        noise_sd = [equivalent_sd(np.hypot(sd, readings[name])) for name, sd in errors]
+        columns = np.concatenate([data.indices, run.columns(names)], axis=1)
+        return _Data(columns, np.append(data.noise_sd, noise_sd), xr.concat([data.motion, rows], "row"))
 
-    def half_widths(self, known: _Known) -> np.ndarray:
+    def half_widths(self, data: _Data) -> np.ndarray:
         """Half widths of the intervals of the targets, (n_targets,)."""
-        error = np.concatenate([self._error(run, names, known.motion) for run, names in self.targets])
+        error = np.concatenate([self._error(run, names, data.motion) for run, names in self.targets])
         lower, upper = np.nanquantile(self.target_values, [0.5 - 0.5 * _INSIDE, 0.5 + 0.5 * _INSIDE], axis=0)
-        variance = (0.5 * (upper - lower) / _QUANTILE) ** 2 * remaining_variance(
-            self.target_values, known.indices, known.noise
-        )
+        fraction = remaining_variance(self.target_values, data.indices, data.noise_sd)
+        variance = (0.5 * (upper - lower) / _QUANTILE) ** 2 * fraction
         sd = np.sqrt(variance[:, None] + error**2)
         return np.maximum(_QUANTILE * np.array([equivalent_sd(row) for row in sd]), _TINY)
 
@@ -269,14 +246,17 @@ def _design(ship: Ship, vessel: Vessel, runs: Sequence[_Run]) -> _Design:
     targets = []
     for run in runs:
         table = run.manoeuvre.traits.indices
-        names = run.reached_indices(
-            [name for name, index in table.items() if index.scored and index.quantity in _ASKED]
-        )
-        targets += [(run, names)] if names else []
+        scored = [name for name, index in table.items() if index.scored and index.quantity in _TARGET_QUANTITIES]
+        targets += [(run, names)] if (names := run.reached_indices(scored)) else []
     if not targets:
         raise SimulationError(
             "A design needs target indices that nine tenths of the draws reach, found none of "
             f"{[run.manoeuvre.label for run in runs]}; give other manoeuvres, or identify the ship from more runs."
+        )
+    if ship.motion is None:
+        raise SimulationError(
+            "A design needs the motion of the runs so far, found a ship without it; give that of identify_ship, or of "
+            "a posterior whose constant_data has `motion`."
         )
     target_values = np.concatenate([run.columns(names) for run, names in targets], axis=1)
     sd = np.nanstd(target_values, axis=0)
@@ -288,7 +268,7 @@ def _design(ship: Ship, vessel: Vessel, runs: Sequence[_Run]) -> _Design:
         targets=targets,
         target_values=target_values,
         central=int(np.argmin(np.sum(np.nan_to_num(distance, nan=_FAR) ** 2, axis=1))),
-        known=_Known(np.empty((len(target_values), 0)), np.empty(0), _motion(ship)),
+        data=_Data(np.empty((len(target_values), 0)), np.empty(0), ship.motion.drop_vars("row", errors="ignore")),
     )
 
 
@@ -299,22 +279,11 @@ def _laws(ship: Ship) -> dict[str, np.ndarray]:
     return ship.index_error | steady_error(ship.motion_error)
 
 
-def _motion(ship: Ship) -> xr.DataArray:
-    """Prime motion of the runs of a ship; SimulationError where it is unknown."""
-    if ship.motion is None:
-        raise SimulationError(
-            "A design needs the motion of the runs so far, found a ship without it; give that of identify_ship, or of "
-            "a posterior whose constant_data has `motion`."
-        )
-    return ship.motion.drop_vars("row", errors="ignore")
-
-
 def remaining_variance(targets: np.ndarray, measured: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Remaining variance of target columns of an ensemble, as a fraction, when other columns are measured.
 
     Linear Bayes estimate over the draws that reach all columns, corrected for the trace(S (S + N)^-1) directions that
-    any ensemble explains by chance; S covariance of the measured columns, N of their noise. Columns are clipped to the
-    central :data:`_INSIDE` of the draws, against diverged draws.
+    any ensemble explains by chance; S covariance of the measured columns, N of their noise.
 
     Parameters
     ----------
@@ -332,12 +301,9 @@ def remaining_variance(targets: np.ndarray, measured: np.ndarray, noise: np.ndar
     count = int(complete.sum())
     if not measured.shape[1] or count < 3:
         return np.ones(targets.shape[1])
-    tail = 0.5 - 0.5 * _INSIDE
-    both = [
-        np.clip(values[complete], *np.quantile(values[complete], [tail, 1.0 - tail], axis=0))
-        for values in (targets, measured)
-    ]
-    a, s = (values - values.mean(axis=0) for values in both)
+    tail, both = 0.5 - 0.5 * _INSIDE, (targets[complete], measured[complete])
+    clipped = [np.clip(values, *np.quantile(values, [tail, 1.0 - tail], axis=0)) for values in both]  # diverged draws
+    a, s = (values - values.mean(axis=0) for values in clipped)
     unit = np.sqrt(np.mean(s**2, axis=0) + noise**2)
     unit[unit == 0.0] = 1.0
     own, across = s.T @ s / np.outer(unit, unit) / count, s.T @ a / unit[:, None] / count
@@ -360,35 +326,35 @@ def _choose_runs(design: _Design, candidate_runs: Mapping[str, _Run], n: int, se
             f"A design needs a candidate that fits in {sea_room:g} m: the {least} takes {room[least]:.0f} m; give more "
             "sea room or shorter runs."
         )
-    known, chosen, widths, ratios = design.known, [], [design.half_widths(design.known)], []
+    data, chosen, widths, ratios = design.data, [], [design.half_widths(design.data)], []
     for _ in range(n):
-        data_after = {label: design.after(known, run) for label, run in fitting.items()}
+        data_after = {label: design.after(data, run) for label, run in fitting.items()}
         half_widths = {label: design.half_widths(one) for label, one in data_after.items()}
         ratio = {label: float(np.exp(np.mean(np.log(width / widths[0])))) for label, width in half_widths.items()}
-        chosen.append(min(ratio.items(), key=lambda pair: pair[1])[0])
-        known = data_after[chosen[-1]]
-        widths.append(half_widths[chosen[-1]])
+        best = min(ratio, key=ratio.__getitem__)
+        data = data_after[best]
+        chosen.append(best)
+        widths.append(half_widths[best])
         ratios.append([ratio.get(label, np.nan) for label in candidate_runs])
-    return xr.Dataset(
-        {
-            "width_ratio": (("step", "candidate"), ratios),
-            "sea_room": ("candidate", list(room.values()), {"units": "m"}),
-            "chosen": ("step", chosen),
-            "half_width": (("stage", "target"), np.array(widths)),
-            "units": ("target", design.units),
-        },
-        {
-            "step": 1 + np.arange(n),
-            "candidate": list(candidate_runs),
-            "stage": np.arange(n + 1),
-            "target": design.labels,
-        },
-        {"vessel": design.vessel.name},
-    )
+    targets = [(run.manoeuvre, name) for run, names in design.targets for name in names]
+    variables = {
+        "width_ratio": (("step", "candidate"), ratios),
+        "sea_room": ("candidate", list(room.values()), {"units": "m"}),
+        "chosen": ("step", chosen),
+        "half_width": (("stage", "target"), np.array(widths)),
+        "units": ("target", [manoeuvre.traits.indices[name].units for manoeuvre, name in targets]),
+    }
+    coords = {
+        "step": 1 + np.arange(n),
+        "candidate": list(candidate_runs),
+        "stage": np.arange(n + 1),
+        "target": [f"{manoeuvre.label}, {name.replace('_', ' ')}" for manoeuvre, name in targets],
+    }
+    return xr.Dataset(variables, coords, {"vessel": design.vessel.name})
 
 
-def labelled_trials(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
-    """Manoeuvres by label, or by kind, angles and speed with a number where the name repeats."""
+def _labelled(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
+    """Manoeuvres by their label, or by their own label and approach speed, with a number where it repeats."""
     if isinstance(manoeuvres, Mapping):
         return dict(manoeuvres)
     labelled: dict[str, Manoeuvre] = {}

@@ -27,10 +27,8 @@ class ManoeuvringSummary:
 
     Attributes
     ----------
-    forecasts : dict of str to DataTree
-        Of the standard manoeuvres, by their label, with intervals of 95 %.
-    sentences : tuple of str
-        Tactical diameter of the turning circles, and the recommended next run.
+    forecasts : dict of str to DataTree; of the standard manoeuvres, by their label, with intervals of 95 %
+    sentences : tuple of str; tactical diameter of the turning circles, and the recommended next run
     """
 
     forecasts: dict[str, xr.DataTree]
@@ -46,7 +44,7 @@ def manoeuvring_summary(ship: Ship, rng: np.random.Generator) -> ManoeuvringSumm
     zigzag_rng = rng.spawn(1)[0]
     for manoeuvre in sorted(STANDARD, key=lambda one: not one.traits.circles):
         circles = manoeuvre.traits.circles
-        settings |= {"duration": manoeuvre.traits.reach * vessel.particulars.ship_time}
+        settings["duration"] = manoeuvre.traits.reach * vessel.particulars.ship_time
         tree = pooled_forecast(drawn, manoeuvre, rng=rng if circles else zigzag_rng, **settings)
         forecasts[manoeuvre.label] = tree
         if circles:

@@ -1,7 +1,7 @@
 """The ship: draws of its models with the laws of their errors, and its files.
 
-- `ship`: a ship, of an identification, a posterior or a vessel file.
-- `draws`: coefficient draws from posteriors, with motion and noise of their data.
+- `ship`: a ship from an identification, a posterior or a vessel file.
+- `draws`: coefficient draws from posteriors.
 - `feasibility`: feasibility of simulated ships.
 - `calibration`: constants calibrated on other ships, from `calibration.toml`.
 - `index_error`: model error of indices from held-out manoeuvres.

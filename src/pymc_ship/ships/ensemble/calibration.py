@@ -10,8 +10,7 @@ from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
-FILE = Path(__file__).with_suffix(".toml")
-"""The file of the constants."""
+FILE = Path(__file__).with_suffix(".toml")  # the file of the constants
 
 
 @dataclass(frozen=True)
@@ -20,12 +19,10 @@ class Constant:
 
     Attributes
     ----------
-    about, unit : str
+    about, unit, study : str; the study names the ships of the calibration
     value : int, float or mapping of str to float; by kind of index or by state where there are several
-    study : str; ships of the calibration
     seeds : tuple of int; of the study, empty if unknown
-    commit : str; first commit of this package with the value
-    date : date; of the commit
+    commit, date : str, date; first commit of this package with the value
     """
 
     about: str

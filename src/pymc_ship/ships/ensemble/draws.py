@@ -21,29 +21,10 @@ def coefficient_draws(
     *,
     group: str = "posterior",
 ) -> np.ndarray:
-    """Draw whole parameter vectors from a joint posterior, or from the posteriors of the degrees of freedom.
+    """Draws (draws, n_coefficients) from a joint posterior, or from that of each DOF, without replacement if possible.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    posteriors : DataTree or mapping of str to DataTree
-        Joint posterior of the coefficients of all DOFs, or the posterior of each DOF; a DOF without one
-        has the vessel's reference values.
-    draws : int
-    rng : numpy.random.Generator
-    group : {"posterior", "prior"}, optional
-        Group of the trees.
-
-    Returns
-    -------
-    ndarray, shape (draws, n_coefficients)
-        DOFs in the vessel's order; without replacement where a posterior has enough draws. Rows of a joint posterior
-        are whole draws; posteriors of single DOFs are independent.
-
-    Raises
-    ------
-    VesselError
-        For an unknown DOF or a posterior without one of the coefficients.
+    A DOF without a posterior has the vessel's reference values. VesselError for an unknown DOF or a posterior without
+    one of the coefficients.
     """
     if not isinstance(posteriors, Mapping) or not all(isinstance(tree, xr.DataTree) for tree in _trees(posteriors)):
         raise VesselError(
@@ -51,40 +32,27 @@ def coefficient_draws(
             "give a DataTree, or DataTrees under the names of the DOFs."
         )
     if isinstance(posteriors, xr.DataTree):
-        return _coefficient_rows(
-            posteriors[group].dataset,
-            coefficient_names(vessel),
-            f"The joint {group} lacks {{}} of {vessel.name!r}",
-            draws,
-            rng,
-        )
+        return _coefficient_rows(vessel, "joint", posteriors[group], draws, rng)
     unknown = [dof for dof in posteriors if dof not in vessel.dofs]
     if unknown:
         raise VesselError(f"{vessel.name!r} has the degrees of freedom {', '.join(vessel.dofs)}; found {unknown[0]!r}.")
-    blocks = []
-    for dof in vessel.dofs:
-        reference = vessel.coefficients(dof)
-        if dof in posteriors:
-            lacks = f"The {dof} {group} lacks {{}} of {vessel.name!r}"
-            blocks.append(
-                _coefficient_rows(
-                    posteriors[dof][group].dataset, reference["coefficient"].values.tolist(), lacks, draws, rng
-                )
-            )
-        else:
-            blocks.append(np.tile(reference.values, (draws, 1)))
+    blocks = [
+        _coefficient_rows(vessel, dof, posteriors[dof][group], draws, rng)
+        if dof in posteriors
+        else np.tile(vessel.coefficients(dof).values, (draws, 1))
+        for dof in vessel.dofs
+    ]
     blocks.append(np.tile([parameter.value for parameter in vessel.parameters], (draws, 1)))
     return np.concatenate(blocks, axis=1)
 
 
-def _coefficient_rows(
-    group: xr.Dataset, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator
-) -> np.ndarray:
-    """Draws of the named coefficients of one group, each row one draw."""
-    sample = group["coefficients"].stack(sample=("chain", "draw"))
+def _coefficient_rows(vessel: Vessel, dof: str, group: xr.DataTree, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws of the coefficients of a DOF, or of all DOFs ("joint"), each row one draw."""
+    names = coefficient_names(vessel) if dof == "joint" else vessel.coefficients(dof)["coefficient"].values.tolist()
+    sample = group.dataset["coefficients"].stack(sample=("chain", "draw"))
     lacking = sorted(set(names) - set(sample["coefficient"].values))
     if lacking:
-        raise VesselError(f"{lacks.format(', '.join(lacking))}; use its own terms.")
+        raise VesselError(f"The {dof} {group.name} lacks {', '.join(lacking)} of {vessel.name!r}; use its own terms.")
     drawn_indices = rng.choice(sample.sizes["sample"], draws, replace=sample.sizes["sample"] < draws)
     return sample.sel(coefficient=names).transpose("sample", "coefficient").values[drawn_indices]
 
@@ -124,11 +92,7 @@ def fitted_motion(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> xr.Dat
 def sensor_noise(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> dict[str, float]:
     """Sensor noise sd by channel [SI] of a joint posterior; empty for posteriors of single DOFs."""
     noise_sd = _constant(posteriors, "noise_sd") if isinstance(posteriors, xr.DataTree) else None
-    return (
-        {}
-        if noise_sd is None
-        else dict(zip(map(str, noise_sd["channel"].values), noise_sd.values.tolist(), strict=True))
-    )
+    return {} if noise_sd is None else noise_sd.to_series().to_dict()
 
 
 def _trees(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> list[xr.DataTree]:

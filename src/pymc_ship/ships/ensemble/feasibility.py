@@ -14,12 +14,8 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.term_sets import valid_at_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel
 
-FASTEST = 1.15
-"""Largest feasible speed in a zigzag or turn, over the approach speed."""
-
-TIGHTEST = 0.5
-"""Least feasible radius of a turn [L]."""
-
+FASTEST = 1.15  # largest feasible speed in a zigzag or turn, over the approach speed
+TIGHTEST = 0.5  # least feasible radius of a turn [L]
 _REACH = 60.0  # L/U, of the manoeuvres
 _STEP = 1.0 / 60.0  # L/U
 
@@ -31,10 +27,9 @@ def is_feasible(
     reach: float = _REACH,
     **around: Any,
 ) -> np.ndarray:
-    """Whether draws are feasible in manoeuvres: no divergence, speed and turning radius within limits.
+    """Whether draws are feasible: no divergence, speed within :data:`FASTEST`, radius of turn within :data:`TIGHTEST`.
 
-    Limits: :data:`FASTEST` times the larger of approach and nominal speed; :data:`TIGHTEST`, except for models that are
-    valid at any speed.
+    The radius of a model that is valid at any speed is not limited.
 
     Parameters
     ----------
@@ -45,10 +40,6 @@ def is_feasible(
         Duration [L/U_nom].
     **around
         ``n``, ``wind`` and ``current`` of :func:`pymc_ship.simulate`.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_draws,)
     """
     feasible = np.ones(len(coefficients), dtype=bool)
     for manoeuvre in manoeuvres:

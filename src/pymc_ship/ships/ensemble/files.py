@@ -23,12 +23,8 @@ from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import ERROR_STATES
 from pymc_ship.ships.ensemble.ship import Member, Ship
 
-FOLDER = "model"
-"""Folder of a ship inside that of its report."""
-
-FORMAT = 4
-"""Number of the format written."""
-
+FOLDER = "model"  # folder of a ship inside that of its report
+FORMAT = 4  # number of the format written
 MIGRATIONS = {
     2: {"model_error": "index_error", "index_rows": "held_out_indices", "held_tests": "uses_captive_tests"},
     3: {"statement": "design", "stated": "response", "dispersion": "design_effect"},
@@ -52,7 +48,7 @@ def save_ship(
     runs: Sequence[str] = (),
     quality_flags: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write a ship to the folder ``model`` of a report; the folder appears when it is complete.
+    """Write a ship to the folder ``model`` of a report.
 
     Parameters
     ----------
@@ -61,10 +57,8 @@ def save_ship(
         Folder of the report, which must exist.
     made_by : str, optional
         Program that wrote it.
-    runs : sequence of str, optional
-        Names of the identification runs.
-    quality_flags : mapping of str to str, optional
-        Of their records, see :func:`pymc_ship.records.files.quality_flags.quality_flags`.
+    runs, quality_flags : sequence of str, mapping of str to str, optional
+        Names of the identification runs, and :func:`.quality_flags` of their records.
 
     Returns
     -------
@@ -93,7 +87,15 @@ def save_ship(
             write_posterior(_tree(member, likelihood, ship, made_by), path.with_suffix(".nc"))
         index = {
             "format": FORMAT,
-            "terms": [_entry(member, likelihood) for member, likelihood in known],
+            "terms": [
+                {
+                    "name": member.name,
+                    "file": _stem(member.name),
+                    "weight": member.weight,
+                    "log_density": likelihood.log_density.tolist(),
+                }
+                for member, likelihood in known
+            ],
             "prior": ship.prior,
             "index_error": {kind: sizes.tolist() for kind, sizes in (ship.index_error or {}).items()},
             "motion_error": {name: sizes.tolist() for name, sizes in ship.motion_error.items()},
@@ -116,7 +118,7 @@ def load_ship(out: str | Path) -> Ship:
     Parameters
     ----------
     out : str or Path
-        Folder of a report, written in :data:`FORMAT` or in one of the two formats before it.
+        Written in :data:`FORMAT` or in one of the two formats before it.
 
     Raises
     ------
@@ -150,7 +152,7 @@ def load_ship(out: str | Path) -> Ship:
 
 
 def _read_index(folder: Path) -> dict:
-    """Index of the members under the names of the present format; VesselError where it is unreadable."""
+    """Index under the names of the present format; VesselError where it is unreadable or of another format."""
     try:
         index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
         given = index.pop(_SUM, None)
@@ -165,18 +167,15 @@ def _read_index(folder: Path) -> dict:
             f"The identified ship in {folder} was damaged or changed, its checksum does not fit; copy it again or run "
             "`pymc-ship identify` again."
         )
-    return _current(index, folder)
-
-
-def _current(index: dict, folder: Path) -> dict:
-    """Index under the names of the present format; VesselError for an unknown format."""
     number, index = index.get("format", min(MIGRATIONS)), _current_names(index)
     gear = {one.name for one in fields(Steering)}
-    has_format = (
-        number in (*MIGRATIONS, FORMAT) and set(_KEYS) <= set(index) and set(index["motion_error"]) == set(ERROR_STATES)
-    )
-    has_format = has_format and all(set(one) == gear for one in index["facilities"].values())
-    if not has_format or not all("measured_sd" in row for row in index["held_out_indices"]):
+    if not (
+        number in (*MIGRATIONS, FORMAT)
+        and set(_KEYS) <= set(index)
+        and set(index["motion_error"]) == set(ERROR_STATES)
+        and all(set(one) == gear for one in index["facilities"].values())
+        and all("measured_sd" in row for row in index["held_out_indices"])
+    ):
         raise _other_format(folder, _INDEX, _KEYS)
     return index
 
@@ -199,16 +198,8 @@ def _member(entry: Mapping, vessel: Vessel, tree: xr.DataTree, constant: Mapping
         prior_scale=constant["prior_scale"].values,
     )
     attrs = _current_names(tree.attrs)
-    return Member(
-        name=entry["name"],
-        vessel=vessel,
-        draws=rows,
-        estimate=reference_coefficients(vessel),
-        weight=entry["weight"],
-        likelihood=likelihood,
-        inflation=attrs["inflation"],
-        design_effect=attrs["design_effect"],
-    )
+    factors = {name: attrs[name] for name in ("inflation", "design_effect")}
+    return Member(entry["name"], vessel, rows, reference_coefficients(vessel), entry["weight"], likelihood, **factors)
 
 
 def _laws(index: Mapping[str, Sequence[float]]) -> dict[str, np.ndarray]:
@@ -226,12 +217,6 @@ def _checksum(folder: Path, index: Mapping) -> str:
     """Checksum of an index and of the files that it names."""
     names = [str(Path(entry["file"]).with_suffix(ending)) for entry in index["terms"] for ending in (".toml", ".nc")]
     return folder_checksum(folder, names, index)
-
-
-def _entry(member: Member, likelihood: EarlierLikelihood) -> dict:
-    """Entry of a member in ship.json."""
-    density = likelihood.log_density.tolist()
-    return {"name": member.name, "file": _stem(member.name), "weight": member.weight, "log_density": density}
 
 
 def _stem(name: str) -> str:
@@ -257,22 +242,15 @@ def _tree(member: Member, likelihood: EarlierLikelihood, ship: Ship, made_by: st
         "made_by": made_by,
         **provenance(CITATIONS["windows"]),
     }
-    return xr.DataTree.from_dict(
-        {
-            "/": xr.Dataset(attrs=attrs),
-            "posterior": posterior,
-            "constant_data": xr.Dataset(
-                {
-                    "motion": ship.motion,
-                    "design": (("likelihood_row", "coefficient"), likelihood.gaussian.design),
-                    "response": ("likelihood_row", likelihood.gaussian.response),
-                    "prior_mean": ("coefficient", likelihood.prior_mean),
-                    "prior_scale": ("coefficient", likelihood.prior_scale),
-                },
-                {"coefficient": names},
-            ),
-        }
-    )
+    constant_data = {
+        "motion": ship.motion,
+        "design": (("likelihood_row", "coefficient"), likelihood.gaussian.design),
+        "response": ("likelihood_row", likelihood.gaussian.response),
+        "prior_mean": ("coefficient", likelihood.prior_mean),
+        "prior_scale": ("coefficient", likelihood.prior_scale),
+    }
+    groups = {"posterior": posterior, "constant_data": xr.Dataset(constant_data, {"coefficient": names})}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
 
 
 def _vessel_text(member: Member) -> str:
@@ -280,26 +258,19 @@ def _vessel_text(member: Member) -> str:
     vessel = member.vessel
     lines = [f"name = {json.dumps(vessel.name)}", f"title = {json.dumps(f'{vessel.title}; {member.name} terms')}"]
     lines += [f"parts = {json.dumps(list(vessel.parts))}"] if vessel.parts else []
-    tables: list[tuple[str, Mapping[str, float]]] = [("particulars", asdict(vessel.particulars))]
     inertia = {"m": vessel.m, "I_zz": vessel.I_zz} | ({"I_xx": vessel.I_xx} if "roll" in vessel.dofs else {})
-    tables += [("inertia", inertia), ("added_mass", vessel.added_mass)]
-    if vessel.propeller is not None:
-        tables.append(("propeller", asdict(vessel.propeller)))
-    tables += [("rudder", asdict(vessel.rudder))] if vessel.rudder else []
-    tables += [("windage", asdict(vessel.windage))] if vessel.windage else []
+    tables = {"particulars": asdict(vessel.particulars), "inertia": inertia, "added_mass": vessel.added_mass}
+    parts = {"propeller": vessel.propeller, "rudder": vessel.rudder, "windage": vessel.windage}
+    tables |= {head: asdict(part) for head, part in parts.items() if part is not None}
     begin = 0
     for dof in vessel.dofs if not vessel.modular else ():
         names = [str(name) for name in vessel.coefficients(dof)["coefficient"].values]
         values = member.estimate[begin : begin + len(names)]
         begin += len(names)
-        tables.append((f"coefficients.{dof}", dict(zip(names, values.tolist(), strict=True))))
-    for head, table in tables:
-        lines += ["", f"[{head}]", *_entries(table)]
+        tables[f"coefficients.{dof}"] = dict(zip(names, values.tolist(), strict=True))
+    for head, table in tables.items():
+        lines += ["", f"[{head}]", *(f"{json.dumps(key)} = {float(value)!r}" for key, value in table.items())]
     lines += ["", "[parameters]"] if vessel.parameters else []
     for parameter, value in zip(vessel.parameters, member.estimate[begin:].tolist(), strict=True):
         lines.append(f"{json.dumps(parameter.name)} = {{ value = {value!r}, sd = {float(parameter.sd)!r} }}")
     return "\n".join(lines) + "\n"
-
-
-def _entries(table: Mapping[str, float]) -> Sequence[str]:
-    return [f"{json.dumps(key)} = {float(value)!r}" for key, value in table.items()]

@@ -20,21 +20,11 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.calibration import constant_by_kind, constant_value
 from pymc_ship.ships.ensemble.motion_error import MOTION_EXTRAPOLATION_SD, equal_sizes, size_law
 
-EXTRAPOLATION_SD = constant_value("index_extrapolation_sd")
-"""Extrapolation sd of an index per range of the record [swing, L/U, L, roll]."""
-
-TYPICAL = constant_by_kind("index_typical")
-"""Median error of an index beyond the draws, over ships [swing, L/U, L, roll]."""
-
-LIKELIHOOD_WEIGHT = constant_value("index_likelihood_weight")
-"""Likelihood weight of each held-out index; the errors of one run are correlated."""
-
-CALIBRATION_HITS, CALIBRATION_TRIALS = (
-    int(constant_value("calibration_hits")),
-    int(constant_value("calibration_trials")),
-)
-"""Correct statements and all statements of 99 % beyond the motion of the runs, on ships of no other calibration."""
-
+EXTRAPOLATION_SD = constant_value("index_extrapolation_sd")  # of an index per range of the record [swing, L/U, L, roll]
+TYPICAL = constant_by_kind("index_typical")  # median error beyond the draws, over ships [swing, L/U, L, roll]
+LIKELIHOOD_WEIGHT = constant_value("index_likelihood_weight")  # of each index: errors of one run are correlated
+# Correct statements, and all statements, of 99 % beyond the motion of the runs.
+CALIBRATION_HITS, CALIBRATION_TRIALS = (int(constant_value(f"calibration_{name}")) for name in ("hits", "trials"))
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
 _SD_PER_RANGE = dict.fromkeys(SCORED_QUANTITIES, EXTRAPOLATION_SD) | {
     quantity: MOTION_EXTRAPOLATION_SD[name] for quantity, name in _OF_MOTION.items()
@@ -52,17 +42,9 @@ def index_scale(quantity: str, value: Any, heading_deg: float, vessel: Vessel) -
 
 
 def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
-    """Standard deviation of the indices of each kind beyond the spread of the draws.
+    """Standard deviation of the indices of each kind beyond the spread of the draws, from rows of :func:`.index_rows`.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Rows of ``held_out_indices`` of a :class:`pymc_ship.Ship`; without any, the law of other ships.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (SIZES,)
-        Equally probable sizes in ascending order, in units of :func:`index_scale`; an index is one size in all kinds.
+    Equally probable sizes (SIZES,), ascending, in units of :func:`index_scale`; without a row, those of other ships.
     """
     error, known = np.reshape([scaled_error(row) for row in rows], (-1, 2)).T
     typical = np.array([TYPICAL[row["kind"]] for row in rows])
@@ -77,25 +59,12 @@ def scaled_error(row: Mapping) -> tuple[float, float]:
 
 
 def readings_noise(simulated_indices: xr.Dataset, rows: Sequence[Mapping], vessel: Vessel) -> dict[str, float]:
-    """Standard deviation of the indices of a run by the noise of its readings.
+    """Standard deviation of the simulated indices of a run by the noise of its readings; 0 without a row of the kind.
 
-    Parameters
-    ----------
-    simulated_indices : Dataset, dims (draw,)
-        From :func:`pymc_ship.indices`.
-    rows : sequence of mapping
-        As for :func:`model_error`.
-    vessel : Vessel
-
-    Returns
-    -------
-    dict of str to float
-        By name, in the units of the indices; 0 without a row of the kind.
+    ``rows`` are those of :func:`.index_rows`.
     """
-    table, heading_deg = (
-        kind_named(simulated_indices.attrs["manoeuvre"]).indices,
-        simulated_indices.attrs.get("heading_deg", 0.0),
-    )
+    table = kind_named(simulated_indices.attrs["manoeuvre"]).indices
+    heading_deg = simulated_indices.attrs.get("heading_deg", 0.0)
     noise = dict.fromkeys(map(str, simulated_indices), 0.0)
     for name in noise:
         of_kind = [row["measured_sd"] / row["scale"] for row in rows if row["kind"] == table[name].quantity]
@@ -139,13 +108,10 @@ def equivalent_sd(sd: np.ndarray) -> float:
 
 
 def reliability(beyond: float) -> dict[str, float | str]:
-    """Attrs ``calibration_cap`` and ``reliability`` of a forecast beyond the motion of the runs; empty within.
-
-    The cap is Laplace's rule of succession, (hits + 1) / (trials + 2).
-    """
+    """Attrs ``calibration_cap`` and ``reliability`` of a forecast beyond the motion of the runs; empty within."""
     if beyond <= 0.0:
         return {}
-    cap = (CALIBRATION_HITS + 1.0) / (CALIBRATION_TRIALS + 2.0)
+    cap = (CALIBRATION_HITS + 1.0) / (CALIBRATION_TRIALS + 2.0)  # Laplace's rule of succession
     sentence = (
         f"The forecast extrapolates beyond the motion of the runs: of {CALIBRATION_TRIALS} statements of 99 % made so "
         f"for other ships, {CALIBRATION_HITS} were correct. Probabilities are limited to {cap:.3f}."
@@ -161,21 +127,13 @@ def error_sizes(
     beyond: float,
     quantile: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Standard deviation of the error of each simulated index by name, each (n_draws,).
+    """Standard deviation of the error of each simulated index, each (n_draws,), as :func:`with_model_error`.
 
-    A steady turning diameter, 2 U / r, has the relative errors of the steady speed and yaw rate.
-
-    Parameters
-    ----------
-    simulated_indices, errors, vessel, beyond
-        As :func:`with_model_error`.
-    quantile : ndarray, shape (n_draws,)
-        Probability in [0, 1) of each draw's size in its law.
+    ``quantile`` is the probability in [0, 1) of each draw's size in its law. A steady turning diameter, 2 U / r, has
+    the relative errors of the steady speed and yaw rate.
     """
-    heading_deg, table = (
-        simulated_indices.attrs.get("heading_deg", 0.0),
-        kind_named(simulated_indices.attrs["manoeuvre"]).indices,
-    )
+    table = kind_named(simulated_indices.attrs["manoeuvre"]).indices
+    heading_deg = simulated_indices.attrs.get("heading_deg", 0.0)
     sizes: dict[str, np.ndarray] = {}
     for name in map(str, simulated_indices):
         quantity = table[name].quantity
@@ -198,9 +156,7 @@ def with_model_error(
     *,
     beyond: float = 0.0,
 ) -> xr.Dataset:
-    """Simulated indices with a normal model error of their kind added.
-
-    An index that cannot be negative is clipped at 0. The error of a steady turning diameter is one of its logarithm.
+    """Simulated indices with a normal model error, at least 0 where unsigned; that of a diameter is of its logarithm.
 
     Parameters
     ----------
@@ -212,15 +168,10 @@ def with_model_error(
     rng : numpy.random.Generator
     beyond : float, optional
         Extrapolation distance of the median ship, in ranges of the motion of the runs.
-
-    Returns
-    -------
-    Dataset, dims (draw,)
     """
     table = kind_named(simulated_indices.attrs["manoeuvre"]).indices
-    sizes = error_sizes(
-        simulated_indices, errors, vessel, beyond=beyond, quantile=rng.random(simulated_indices.sizes["draw"])
-    )
+    quantile = rng.random(simulated_indices.sizes["draw"])
+    sizes = error_sizes(simulated_indices, errors, vessel, beyond=beyond, quantile=quantile)
 
     def with_error(variable: xr.DataArray) -> xr.DataArray:
         size, index = sizes[str(variable.name)], table[str(variable.name)]

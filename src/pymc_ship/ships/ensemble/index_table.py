@@ -26,7 +26,7 @@ def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
     -------
     Dataset, dims (run, index)
         :data:`NUMBERS`, NaN for an index that a run does not have; coordinates ``manoeuvre`` (run), ``quantity`` and
-        ``units`` (index). Names of runs may repeat.
+        ``units`` (index).
     """
     runs: list[dict[str, Mapping]] = []
     for row in rows:
@@ -42,28 +42,25 @@ def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
         name: (("run", "index"), np.array([[run.get(index, {}).get(name, np.nan) for index in names] for run in runs]))
         for name in variables
     }
+    coords = {
+        "run": [row["run"] for row in firsts],
+        "manoeuvre": ("run", [row["manoeuvre"] for row in firsts]),
+        "index": names,
+        "quantity": ("index", [quantity[name] for name in names]),
+        "units": ("index", [UNITS[quantity[name]] for name in names]),
+    }
     empty = (("run", "index"), np.empty((0, 0)))
-    return xr.Dataset(
-        values if rows else dict.fromkeys(variables, empty),
-        {
-            "run": [row["run"] for row in firsts],
-            "manoeuvre": ("run", [row["manoeuvre"] for row in firsts]),
-            "index": names,
-            "quantity": ("index", [quantity[name] for name in names]),
-            "units": ("index", [UNITS[quantity[name]] for name in names]),
-        },
-    )
+    return xr.Dataset(values if rows else dict.fromkeys(variables, empty), coords)
 
 
 def index_rows(table: xr.Dataset) -> Iterator[dict]:
     """Rows of :func:`index_table`, run after run."""
     heads = {name: table[name].values.tolist() for name in ("run", "manoeuvre", "index", "quantity")}
     numbers = {name: table[name].values for name in NUMBERS if name in table}
-    for k, (run, manoeuvre) in enumerate(zip(heads["run"], heads["manoeuvre"], strict=True)):
-        for j, (index, quantity) in enumerate(zip(heads["index"], heads["quantity"], strict=True)):
-            if np.isfinite(numbers["measured"][k, j]):
-                row = {"run": run, "manoeuvre": manoeuvre, "index": index, "kind": quantity}
-                yield row | {name: float(values[k, j]) for name, values in numbers.items()}
+    for k, j in np.argwhere(np.isfinite(numbers["measured"])):
+        row = {"run": heads["run"][k], "manoeuvre": heads["manoeuvre"][k]}
+        row |= {"index": heads["index"][j], "kind": heads["quantity"][j]}
+        yield row | {name: float(values[k, j]) for name, values in numbers.items()}
 
 
 def _order() -> list[str]:

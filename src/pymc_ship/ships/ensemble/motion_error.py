@@ -17,33 +17,15 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.calibration import constant_by_kind, constant_value
 from pymc_ship.ships.ensemble.draws import robust_sd
 
-LEADS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
-"""Lead times of the error [L/U]."""
-
-ERROR_STATES = ("u", "v", "r", "psi", "x", "y")
-"""States with a model error."""
-
-ACCUMULATED_STATES = ("psi", "x", "y")
-"""States whose error accumulates over the time beyond the motion of the runs."""
-
-REFERENCE_LEAD = 10.0
-"""Lead time of the sizes [L/U], by which a turn is steady."""
-
-TYPICAL = constant_by_kind("motion_typical")
-"""Median prime error beyond the draws at :data:`REFERENCE_LEAD`, over ships."""
-
-RISE = constant_by_kind("motion_rise")
-"""Power of the growth with lead time; u, v and r grow up to the last of :data:`LEADS`."""
-
-LIKELIHOOD_WEIGHT = constant_value("motion_likelihood_weight")
-"""Likelihood weight of each lead time; the errors of one run are correlated."""
-
-MOTION_EXTRAPOLATION_SD = constant_by_kind("motion_extrapolation_sd")
-"""Extrapolation sd of the prime motion per range of the record; of heading and track also per L/U."""
-
-SIZES = 200
-"""Number of equally probable sizes of a law."""
-
+LEADS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)  # lead times of the error [L/U]
+ERROR_STATES = ("u", "v", "r", "psi", "x", "y")  # states with a model error
+ACCUMULATED_STATES = ("psi", "x", "y")  # their error accumulates over the time beyond the motion of the runs
+REFERENCE_LEAD = 10.0  # lead time of the sizes [L/U], by which a turn is steady
+TYPICAL = constant_by_kind("motion_typical")  # median prime error beyond the draws at REFERENCE_LEAD, over ships
+RISE = constant_by_kind("motion_rise")  # power of the growth with lead time; u, v and r grow up to the last of LEADS
+LIKELIHOOD_WEIGHT = constant_value("motion_likelihood_weight")  # of each lead time: errors of one run are correlated
+MOTION_EXTRAPOLATION_SD = constant_by_kind("motion_extrapolation_sd")  # per range of the record; psi, x, y also per L/U
+SIZES = 200  # number of equally probable sizes of a law
 _ROWS = [STATE.index(name) for name in ERROR_STATES]
 _STEPS = np.arange(1, 2 * len(ERROR_STATES) + 1)
 _GOLDEN = 1.0570505752212285  # x^13 = x + 1: additive low-discrepancy sequence in 12 dimensions
@@ -52,34 +34,21 @@ _NODES = 400  # interpolation nodes of a mixture's distribution
 
 
 class OpenLoopSimulation(NamedTuple):
-    """Open-loop simulation along a recorded run, and the record.
+    """Open-loop simulation along a recorded run, and the record; SI and rad."""
 
-    ``time`` (n_time,) from the start [s]; ``states`` (8, n_draws, n_time), ``measured`` (8, n_time) in SI and rad,
-    NaN where not measured; ``noise_sd`` (8,) of the readings.
-    """
-
-    time: np.ndarray
-    states: np.ndarray
-    measured: np.ndarray
-    noise_sd: np.ndarray
+    time: np.ndarray  # (n_time,) from the start
+    states: np.ndarray  # (8, n_draws, n_time)
+    measured: np.ndarray  # (8, n_time), NaN where not measured
+    noise_sd: np.ndarray  # (8,) of the readings
 
 
 def size_law(
     error: np.ndarray, known: np.ndarray, typical: np.ndarray, likelihood_weight: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Posterior law of the size of a ship's error over the typical error.
+    """Posterior law of the size of a ship's error over the typical error: sizes and log probabilities, (n_sizes,).
 
-    Parameters
-    ----------
-    error, known, typical : ndarray, shape (n_rows,)
-        Errors in held-out runs, their known variances, and typical errors.
-    likelihood_weight : float
-        Weight of each row.
-
-    Returns
-    -------
-    size, log_weight : ndarray, shape (n_sizes,)
-        Sizes, evenly spaced in log, and their log probabilities.
+    ``error``, ``known`` and ``typical`` are the errors in held-out runs, their known variances and the typical errors,
+    (n_rows,), each row of a likelihood weight.
     """
     variance = known[:, None] + (typical[:, None] * _SIZE) ** 2
     log_likelihood = -0.5 * likelihood_weight * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
@@ -95,18 +64,9 @@ def equal_sizes(size: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
 
 
 def motion_error(replays: Iterable[OpenLoopSimulation], vessel: Vessel) -> dict[str, np.ndarray]:
-    """Standard deviation of each state beyond the draws at :data:`REFERENCE_LEAD`.
+    """Standard deviation of each state beyond the draws at :data:`REFERENCE_LEAD`, from simulations of held-out runs.
 
-    Parameters
-    ----------
-    replays : iterable of Replayed
-        Of held-out runs; without any, the law of other ships.
-    vessel : Vessel
-
-    Returns
-    -------
-    dict of str to ndarray, shape (SIZES,)
-        Equally probable sizes, rising, prime at the nominal speed, of :data:`ERROR_STATES`.
+    Equally probable sizes (SIZES,), ascending, prime at the nominal speed; without a run, those of other ships.
     """
     unit, scale = vessel.particulars.ship_time, np.array(list(prime_units(vessel).values()))
     times, errors, known = [], [], []
@@ -118,18 +78,13 @@ def motion_error(replays: Iterable[OpenLoopSimulation], vessel: Vessel) -> dict[
                 times.append(lead)
                 errors.append(one.measured[_ROWS, time_index] / scale - np.nanmedian(simulated, axis=1))
                 known.append([robust_sd(values) ** 2 for values in simulated] + (one.noise_sd[_ROWS] / scale) ** 2)
-    leads, error, variance = (
-        np.array(times),
-        np.reshape(errors, (-1, len(ERROR_STATES))),
-        np.reshape(known, (-1, len(ERROR_STATES))),
-    )
+    error, variance = (np.reshape(rows, (-1, len(ERROR_STATES))).T for rows in (errors, known))
     sizes = {}
     for k, name in enumerate(ERROR_STATES):
-        measured = np.isfinite(error[:, k]) & np.isfinite(variance[:, k])
-        typical = TYPICAL[name] * growth_with_lead_time(name, leads[measured])
-        sizes[name] = TYPICAL[name] * equal_sizes(
-            *size_law(error[measured, k], variance[measured, k], typical, LIKELIHOOD_WEIGHT)
-        )
+        measured = np.isfinite(error[k]) & np.isfinite(variance[k])
+        typical = TYPICAL[name] * growth_with_lead_time(name, np.array(times)[measured])
+        law = size_law(error[k, measured], variance[k, measured], typical, LIKELIHOOD_WEIGHT)
+        sizes[name] = TYPICAL[name] * equal_sizes(*law)
     return sizes
 
 
@@ -145,24 +100,18 @@ def with_motion_error(
     vessel: Vessel,
     beyond: np.ndarray | None = None,
 ) -> np.ndarray:
-    """States of draws with a model error, of the same quantile at all times.
+    """States of draws with a model error, of the same quantile at all times, by a low-discrepancy sequence.
 
     Parameters
     ----------
     states : ndarray, shape (8, n_draws, n_time)
     time : ndarray, shape (n_time,)
-        From the start of the replay [s].
+        From the start [s].
     errors : mapping of str to ndarray
         From :func:`motion_error`; other states have no error.
     vessel : Vessel
     beyond : ndarray, shape (n_time,), optional
-        Distance of the median ship from the motion of the runs, in ranges of it, see
-        :func:`pymc_ship.ships.forecasting.extrapolation.extrapolation`; 0 by default.
-
-    Returns
-    -------
-    ndarray, shape (8, n_draws, n_time)
-        Quantiles of the errors by a low-discrepancy sequence, without random numbers.
+        Distance of the median ship from the motion of the runs, in ranges of it; 0 by default.
     """
     with_error, lead = states.copy(), time / vessel.particulars.ship_time
     extrapolations = time_beyond(np.zeros(time.size) if beyond is None else np.nan_to_num(beyond), lead)

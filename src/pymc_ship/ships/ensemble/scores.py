@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-BANDS = ("lower", "median", "upper")
-"""Values of the coordinate ``band`` of a forecast."""
+BANDS = ("lower", "median", "upper")  # values of the coordinate ``band`` of a forecast
 
 
 def quantile_bands(values: xr.Dataset, ci_prob: float) -> xr.Dataset:
@@ -34,7 +33,7 @@ def quantiles(values: np.ndarray, probabilities: list[float]) -> np.ndarray:
 def crps(draws: np.ndarray, measured: np.ndarray) -> float:
     """Continuous ranked probability score of an ensemble (n_draws, n_time), mean over time.
 
-    Gneiting & Raftery (2007), doi:10.1198/016214506000001437, Eq. 20, with the spread of a sorted ensemble.
+    Gneiting & Raftery (2007), doi:10.1198/016214506000001437, Eq. 20.
     """
     sorted_draws = np.sort(draws[np.isfinite(draws[:, -1])], axis=0)
     n = len(sorted_draws)

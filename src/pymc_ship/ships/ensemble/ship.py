@@ -30,7 +30,7 @@ class Member:
     draws : ndarray, shape (n_draws, n_coefficients)
     estimate : ndarray, shape (n_coefficients,)
     weight : float; fraction of the ensemble
-    likelihood : EarlierLikelihood or None; likelihood of all runs so far
+    likelihood : EarlierLikelihood or None; of all runs so far
     inflation, design_effect : float; factor on the sd, and design effect of the likelihood of the windows
     """
 
@@ -56,16 +56,13 @@ class Ship:
     ----------
     members : tuple of Member; by descending weight, some perhaps without draws
     motion : DataArray, dims (row, symbol), or None; prime motion of the runs
-    index_error : dict of str to ndarray, or None
-        Sizes of the error of indices by kind, see :func:`pymc_ship.ships.ensemble.index_error.model_error`.
-    motion_error : dict of str to ndarray
-        Sizes of the error of the motion by state, see :func:`pymc_ship.ships.ensemble.motion_error.motion_error`.
+    index_error : dict of str to ndarray, or None; sizes of the error of indices by kind, from :func:`.model_error`
+    motion_error : dict of str to ndarray; sizes of the error of the motion by state, from :func:`.motion_error`
     noise_sd : dict of str to float; sensor noise sd by channel [SI], of a joint posterior
     facilities : dict of str to Steering; steering by facility, most trials first
     remarks : tuple of str; how the intervals were made
     prior : str; kind of prior of the coefficients
-    held_out_indices : Dataset, dims (run, index)
-        See :func:`pymc_ship.ships.ensemble.index_table.index_table`.
+    held_out_indices : Dataset, dims (run, index), from :func:`.index_table`
     uses_captive_tests : bool; whether the likelihoods include captive tests
     """
 
@@ -96,8 +93,7 @@ class Ship:
         ----------
         vessel : Vessel, str or Path
         posteriors : DataTree or mapping of str to DataTree
-            Joint posterior of all coefficients, or the posterior of each DOF, of any method; a DOF without one
-            has the vessel's reference values.
+            Joint posterior, or that of each DOF, of any method; a DOF without one has the vessel's reference values.
         draws : int, optional
         rng : int, SeedSequence or Generator
         noise_sd : mapping of str to float, optional
@@ -130,7 +126,12 @@ class Ship:
         if draws < 2:
             raise ValueError(f"A ship of a posterior needs two draws or more, found {draws}; give a larger `draws`.")
         noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)
-        _check_noise(noise)
+        for name, sd in noise.items():
+            if name not in SIMULATED or not 0.0 <= sd < np.inf:
+                raise ValueError(
+                    f"Sensor noise has a standard deviation from 0 up for any of {', '.join(SIMULATED)}; found {sd} "
+                    f"for {name!r}; correct it."
+                )
         rows = coefficient_draws(vessel, posteriors, draws, rng)
         member = Member("posterior", vessel, rows, rows.mean(axis=0))
         return cls((member,), motion=fitted_motion(posteriors), noise_sd=noise)
@@ -165,10 +166,9 @@ class Ship:
     def __repr__(self) -> str:
         """Name, number of models and draws, and whether the errors beyond the draws are known."""
         n, runs = len(self.models), self.held_out_indices.sizes["run"]
-        known = "unknown" if self.index_error is None else f"from {runs} held-out run{'s' * (runs != 1)}"
-        return (
-            f"Ship({self.vessel.name}: {n} model{'s' * (n != 1)}, {self.draws} draws, errors beyond the draws {known})"
-        )
+        errors = "unknown" if self.index_error is None else f"from {runs} held-out run{'s' * (runs != 1)}"
+        models = f"{n} model{'s' * (n != 1)}, {self.draws} draws"
+        return f"Ship({self.vessel.name}: {models}, errors beyond the draws {errors})"
 
 
 ShipLike = Ship | VesselLike
@@ -180,12 +180,3 @@ def as_ship(ship: ShipLike) -> Ship:
     if isinstance(getattr(ship, "ship", None), Ship):
         raise VesselError("A ship or a vessel is needed, found an identification; give its attribute `ship`.")
     return ship if isinstance(ship, Ship) else Ship.from_vessel(ship)
-
-
-def _check_noise(noise: Mapping[str, float]) -> None:
-    for name, sd in noise.items():
-        if name not in SIMULATED or not 0.0 <= sd < np.inf:
-            raise ValueError(
-                f"Sensor noise has a standard deviation from 0 up for any of {', '.join(SIMULATED)}; found {sd} for "
-                f"{name!r}; correct it."
-            )

@@ -1,6 +1,6 @@
 """Forecasts of manoeuvres from posterior draws, with bands, intervals and a page.
 
-- `forecast`: simulations of the draws, their bands and indices.
+- `forecast`: bands and indices of the simulated draws.
 - `prior_ships`: simulations of draws of a prior.
 - `extrapolation`: distance of a forecast from the motion of the data.
 - `steady_turns`: rudder angle at each rate of turn, and the loop of a spiral.

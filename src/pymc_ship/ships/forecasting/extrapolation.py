@@ -1,8 +1,7 @@
 """Distance of a simulated motion from the motion that a model was fitted to.
 
-The convex hull of the record, each symbol over its range, is bounded by a polytope of supports in fixed directions
-(Rockafellar 1970, Convex Analysis, section 13): axes, their sums and differences, random ones. A distance is a lower
-bound.
+The convex hull of the record, each symbol over its range, is bounded by supports in fixed directions (Rockafellar 1970,
+Convex Analysis, section 13): a distance is a lower bound.
 """
 
 from __future__ import annotations
@@ -25,21 +24,13 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 
 UNKNOWN = "Extrapolation is unknown: the posterior has no motion of the runs it was fitted to."
-"""Sentence for a posterior without the motion of its runs."""
-
-MARGIN = 0.01
-"""Departure that counts as inside, in ranges of the record; a repeated run departs as much."""
-
+MARGIN = 0.01  # departure that counts as inside, in ranges of the record; a repeated run departs as much
 _CHANNELS = (*STATE[:5], "delta")
 _N_RANDOM = 100
-_BLOCK = 256
-"""Points of a block of the kernel; they fit into the first-level cache."""
-_SHIPS = 16
-"""Draws of a task of a thread."""
-_NAMED = 3
-"""Largest number of departures that a sentence names."""
-_VISIBLE = 0.005
-"""Smallest departure that a sentence names, in ranges of the symbol."""
+_BLOCK = 256  # points of a block of the kernel; they fit into the first-level cache
+_SHIPS = 16  # draws of a task of a thread
+_NAMED = 3  # largest number of departures that a sentence names
+_VISIBLE = 0.005  # smallest departure that a sentence names, in ranges of the symbol
 
 
 class _Direction(NamedTuple):
@@ -54,7 +45,7 @@ class _Direction(NamedTuple):
 
 
 def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -> xr.Dataset:
-    """Distance of simulated draws from the motion of a training record, at every instant.
+    """Distance of simulated draws from the motion of a training record.
 
     Parameters
     ----------
@@ -67,9 +58,9 @@ def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -
     Returns
     -------
     Dataset
-        ``distance`` (in ranges of the record, 0 within :data:`MARGIN`, NaN after divergence) and ``outside``, with the
-        dims of the ships. By symbol, and by draw: ``lowest`` and ``highest`` prime value, ``below`` and ``above``, the
-        departure from the record's range, in ranges. By symbol ``trained_lowest`` and ``trained_highest``.
+        With the dims of the ships ``distance`` (in ranges of the record, 0 within :data:`MARGIN`, NaN after divergence)
+        and ``outside``; by draw and symbol ``lowest`` and ``highest`` prime value, ``below`` and ``above``, the
+        departure in ranges of the record; by symbol ``trained_lowest`` and ``trained_highest``.
 
     Raises
     ------
@@ -103,17 +94,8 @@ def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -
 def sentence(vessel: Vessel, summary: xr.Dataset) -> str:
     """Sentence: which part of a forecast is outside the record, how far, and in which quantities.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    summary : Dataset
-        Variables over symbol of :func:`extrapolation`, of one draw or medians; attrs ``share_extrapolated`` and
-        ``median_distance``.
-
-    Returns
-    -------
-    str
-        Speed in m/s, angles in deg, other quantities as prime values.
+    ``summary`` has variables over symbol of :func:`extrapolation` and attrs ``share_extrapolated`` and
+    ``median_distance``.
     """
     fraction = summary.attrs["share_extrapolated"]
     if fraction == 0.0:
@@ -122,10 +104,9 @@ def sentence(vessel: Vessel, summary: xr.Dataset) -> str:
     departures = [
         ([float(summary[name].sel(symbol=symbol)) for name in names], symbol) for names in sides for symbol in SYMBOLS
     ]
-    named = sorted(
-        (departure for departure in departures if departure[0][0] >= _VISIBLE), key=lambda departure: -departure[0][0]
-    )[:_NAMED]
-    where = "; ".join(_departure(vessel, reached, trained, symbol) for (_, reached, trained), symbol in named)
+    departures.sort(key=lambda departure: -departure[0][0])
+    named = [(reached, trained, symbol) for (size, reached, trained), symbol in departures if size >= _VISIBLE]
+    where = "; ".join(_departure(vessel, *departure) for departure in named[:_NAMED])
     return (
         f"{percentage_outside(fraction).capitalize()} of the instants lie outside the motion of the record, "
         f"typically by {summary.attrs['median_distance']:.2g} times the span that it covers: "
@@ -142,13 +123,7 @@ def percentage_outside(fraction: float) -> str:
 def _departure(vessel: Vessel, reached: float, trained: float, symbol: str) -> str:
     """Text: extreme of one symbol, and the end of its range in the record."""
     verb, way = ("falls", "down") if reached < trained else ("rises", "up")
-    quantity, convert, units = _display(vessel, symbol)
-    return f"{quantity} {verb} to {convert(reached):.3g}{units}, the record goes {way} to {convert(trained):.3g}{units}"
-
-
-def _display(vessel: Vessel, symbol: str) -> tuple[str, Callable[[float], float], str]:
-    """Name of a symbol's quantity, conversion of its prime value, and units."""
-    words: dict[str, tuple[str, Callable[[float], float], str]] = {
+    display: dict[str, tuple[str, Callable[[float], float], str]] = {
         "u": ("speed", lambda u_a: vessel.particulars.nominal_speed / (1.0 - u_a), " m/s"),
         "v": ("v/U", float, ""),
         "r": ("rL/U", float, ""),
@@ -156,7 +131,8 @@ def _display(vessel: Vessel, symbol: str) -> tuple[str, Callable[[float], float]
         "phi": ("roll angle", np.rad2deg, " deg"),
         "delta": ("rudder angle", np.rad2deg, " deg"),
     }
-    return words[symbol]
+    quantity, convert, units = display[symbol]
+    return f"{quantity} {verb} to {convert(reached):.3g}{units}, the record goes {way} to {convert(trained):.3g}{units}"
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,11 @@ from pymc_ship.physics.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import align_to_first_execute
+from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.track import median_ship, track
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
-_FALLEN = 0.5
-"""Heading change [deg] after which an overshoot's peak is passed."""
-
+_FALLEN = 0.5  # heading change [deg] after which an overshoot's peak is passed
 _POINTS = 400
 _TRACKS = 40  # draws of a turning circle
 _ZIGZAG_SHOWN = 20.0  # L/U
@@ -38,20 +37,10 @@ def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | 
 
 @house_style
 def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
-    """Heading and rudder [deg] against time: band, median and measured trial.
+    """Heading and rudder [deg] of a forecast against time: band, median and measured trial (some channels suffice).
 
-    Parameters
-    ----------
-    tree : DataTree
-        From :func:`pymc_ship.forecast`.
-    measured : Dataset, dims (time,), optional
-        Trial; channels may be missing; it is aligned to its first execute.
-
-    Returns
-    -------
-    Figure
-        A zigzag has both on one axis, with the switching headings, the overshoot angles with their intervals at the
-        peaks of the median ship, and the measured peaks.
+    A zigzag has both on one axis, with the switching headings, the overshoots with their intervals at the peaks of the
+    median ship, and the measured peaks.
     """
     swings = kind_named(tree.attrs["manoeuvre"]).swings
     trial = None if measured is None else align_to_first_execute(measured)
@@ -69,28 +58,21 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
         lower.set_ylabel(CHANNELS["delta"].axis)
     lower.set_xlabel("time from the rudder's execution [s]")
     lower.set_xlim(0.0, float(tree["bands"].dataset["time"][-1]))
-    handles = dict(zip(*upper.get_legend_handles_labels()[::-1], strict=True))
+    legend_above(fig, [upper], 4)
+    return fig
+
+
+def legend_above(fig: Figure, axes: Iterable[Axes], ncols: int | None = None) -> None:
+    """One legend above a figure for the labels of axes, the measured trial last; all in one row by default."""
+    handles = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     if "measured" in handles:
         handles["measured"] = handles.pop("measured")
-    fig.legend(handles.values(), handles, loc="outside upper center", ncols=4)
-    return fig
+    fig.legend(handles.values(), handles, loc="outside upper center", ncols=ncols or len(handles))
 
 
 @house_style
 def turns_and_overshoots(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> Figure:
-    """Turning circles [L] and headings in zigzags [deg] of the draws, coloured by side.
-
-    Parameters
-    ----------
-    forecasts : mapping of str to DataTree
-        Of turning circles and zigzags, by their label.
-    vessel : Vessel
-        Gives L.
-
-    Returns
-    -------
-    Figure
-    """
+    """Turning circles [L] and headings in zigzags [deg] of forecasts by label, coloured by side."""
     fig, axes = subplots(8.0, 3.9, 1, 2)
     plan, heading = axes[0]
     colours = {"port": RUST, "starboard": BLUE}
@@ -99,25 +81,25 @@ def turns_and_overshoots(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -
         if kind.circles:
             ships, L, median = tree["trajectories"].to_dataset(), vessel.particulars.L, median_ship(tree)
             ships = ships.isel(time=slice(None, None, max(1, ships.sizes["time"] // _POINTS)))
-            for draw in range(min(ships.sizes["draw"], _TRACKS)):
+            styles: list[tuple[int, dict[str, Any]]] = [
+                *((draw, {"lw": 0.4, "alpha": 0.3}) for draw in range(min(ships.sizes["draw"], _TRACKS))),
+                (median, {"lw": 1.6, "label": tree.attrs["label"]}),
+            ]
+            for draw, style in styles:
                 first_round = np.abs(ships["psi"].values[draw]) <= 2.0 * np.pi
                 x, y = (ships[name].values[draw][first_round] / L for name in ("x", "y"))
-                plan.plot(y, x, color=colour, lw=0.4, alpha=0.3)
-            first_round = np.abs(ships["psi"].values[median]) <= 2.0 * np.pi
-            x, y = (ships[name].values[median][first_round] / L for name in ("x", "y"))
-            plan.plot(y, x, color=colour, lw=1.6, label=tree.attrs["label"])
+                plan.plot(y, x, color=colour, **style)
         elif kind.swings and tree.attrs["heading_deg"] == tree.attrs["rudder_deg"]:
-            style = {10.0: "-"}.get(tree.attrs["heading_deg"], "--")
+            line = "-" if tree.attrs["heading_deg"] == 10.0 else "--"
             bands, time = tree["bands"].dataset["psi"], tree["bands"].dataset["time"]
-            lower, middle, upper = (np.rad2deg(bands.sel(band=band).values) for band in ("lower", "median", "upper"))
+            lower, middle, upper = np.rad2deg(bands.sel(band=list(BANDS)).values)
             heading.fill_between(time, lower, upper, color=colour, alpha=0.18, lw=0)
-            heading.plot(time, middle, style, color=colour, label=tree.attrs["label"])
+            heading.plot(time, middle, line, color=colour, label=tree.attrs["label"])
     plan.set(aspect="equal", xlabel="transfer to starboard [L]", ylabel="advance [L]", title="Turning circles")
     plan.plot(0.0, 0.0, "o", ms=4, color=REFERENCE, label="rudder executed")
     heading.set(xlabel="time from the execute [s]", ylabel="heading change [deg]", title="Zigzags: median, 95 % band")
     heading.set_xlim(0.0, _ZIGZAG_SHOWN * vessel.particulars.ship_time)
-    labelled = {label: line for ax in axes[0] for line, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    fig.legend(labelled.values(), labelled, loc="outside upper center", ncols=4)
+    legend_above(fig, axes[0], 4)
     return fig
 
 
@@ -148,26 +130,21 @@ def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
     sign, bands = SIDES[side], tree["index_bands"].to_dataset()
     for k, (name, (when, _)) in enumerate(zip(OVERSHOOTS, overshoot_peaks(ship, heading, side), strict=False)):
         values = bands[name]
-        lower, median, upper = (heading + float(values.sel(band=band)) for band in ("lower", "median", "upper"))
+        lower, median, upper = (heading + float(values.sel(band=band)) for band in BANDS)
         error = np.array([[median - lower], [upper - median]])[:: int(sign)]
         label = "overshoot with its interval" if k == 0 else None
         style: dict[str, Any] = {"fmt": "o", "ms": 5, "color": BLUE, "mec": "white", "capsize": 3, "zorder": 4}
         ax.errorbar(when, sign * median, error, label=label, **style)
-        text, away = f"{float(values.sel(band='median')):.1f}°", 8 if sign > 0.0 else -8
-        settings: dict[str, Any] = {
-            "ha": "center",
-            "va": "bottom" if sign > 0.0 else "top",
-            "fontsize": 8.0,
-            "color": BLUE,
-        }
+        away, side_of_text = (8, "bottom") if sign > 0.0 else (-8, "top")
+        settings: dict[str, Any] = {"ha": "center", "va": side_of_text, "fontsize": 8.0, "color": BLUE}
+        text = f"{float(values.sel(band='median')):.1f}°"
         ax.annotate(text, (when, sign * upper), (0, away), textcoords="offset points", **settings)
         sign = -sign
     if trial is not None and "psi" in trial:
         until = trial.sel(time=trial["time"] <= float(tree["bands"].dataset["time"][-1]))
-        peaks = overshoot_peaks(until, heading, side)
-        label = "measured peak"
-        if peaks:
-            ax.plot(*zip(*peaks, strict=True), "D", ms=5, color=REFERENCE, mec="white", label=label, zorder=5)
+        if peaks := overshoot_peaks(until, heading, side):
+            style = {"ms": 5, "color": REFERENCE, "mec": "white", "zorder": 5}
+            ax.plot(*zip(*peaks, strict=True), "D", label="measured peak", **style)
     ax.margins(y=0.12)
 
 
@@ -185,8 +162,7 @@ def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
         ax.set_xlim(0.0, float(bands["time"][-1]))
     for ax in axes[-1]:
         ax.set_xlabel("time from the rudder's execution [s]")
-    handles = {label: handle for ax in axes.flat for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    fig.legend(handles.values(), handles, loc="outside upper center", ncols=3)
+    legend_above(fig, axes.flat, 3)
     return fig
 
 
@@ -196,9 +172,9 @@ def _panel(
     """Band, median and measured values of a channel against time, angles in degrees."""
     bands = _thin(tree["bands"].to_dataset()[[name]])
     factor = CHANNELS[name].unit.display_factor
-    lower, median, upper = (factor * bands[name].sel(band=band).values for band in ("lower", "median", "upper"))
-    band_label = f"{percent(tree.attrs['ci_prob'])} band"
-    ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{mark}{band_label}")
+    lower, median, upper = factor * bands[name].sel(band=list(BANDS)).values
+    band_label = f"{mark}{percent(tree.attrs['ci_prob'])} band"
+    ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=band_label)
     ax.plot(bands["time"], median, color=colour, label=f"{mark}median")
     if trial is not None and name in trial:
         trial_samples = _thin(trial[[name]].sel(time=trial["time"] <= float(bands["time"][-1])))

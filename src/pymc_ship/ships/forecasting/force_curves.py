@@ -12,7 +12,7 @@ from pymc_ship.pages.drawing import BLUE, NOISE, house_style, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.captive import captive_test_forces
-from pymc_ship.physics.vessel.vessel import DOFS, LETTER, Vessel
+from pymc_ship.physics.vessel.vessel import DOFS, LETTER, Vessel, coefficient_names
 from pymc_ship.trial.channels import CHANNELS
 
 _FORCES = ("surge", "sway", "yaw")
@@ -29,17 +29,11 @@ def force_curves(
 
     Parameters
     ----------
-    models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients))
-        Vessels and coefficient draws, DOFs in the vessel's order; the curves of all draws are pooled.
+    models : sequence of (Vessel, ndarray of shape (n_draws, n_coefficients))
     ranges : DataArray, dims (row, symbol), optional
         Prime motion of the training record; the range of each quantity is shaded.
     ci_prob : float, optional
         Probability inside the equal-tailed bands.
-
-    Returns
-    -------
-    Figure
-        Rows X', Y', N'; columns v', r', delta; the other quantities are zero.
 
     Raises
     ------
@@ -51,8 +45,10 @@ def force_curves(
     fig, axes = subplots(8.0, 6.4, len(_FORCES), len(_AXES), sharex="col")
     tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
     for column, symbol in enumerate(_AXES):
-        trained = None if ranges is None else _range_of(ranges, symbol)
-        half = max([_HALF_RANGE[symbol], *([] if trained is None else [_MARGIN * max(map(abs, trained))])])
+        trained = None if ranges is None else ranges.sel(symbol=symbol).values
+        half = (
+            _HALF_RANGE[symbol] if trained is None else max(_HALF_RANGE[symbol], _MARGIN * np.nanmax(np.abs(trained)))
+        )
         values = np.linspace(-half, half, _GRID)
         factor = np.rad2deg(1.0) if symbol == "delta" else 1.0
         for row, dof in enumerate(_FORCES):
@@ -60,11 +56,10 @@ def force_curves(
             curves = 1e3 * np.concatenate([force_draws(vessel, draws, dof, symbol, values) for vessel, draws in models])
             lower, median, upper = np.quantile(curves, tails, axis=0)
             if trained is not None:
-                ends = [factor * end for end in trained]
+                ends = factor * np.nanmin(trained), factor * np.nanmax(trained)
                 ax.axvspan(*ends, color=NOISE, alpha=0.3, lw=0, zorder=0, label="range of the training record")
-            ax.fill_between(
-                factor * values, lower, upper, color=BLUE, alpha=0.25, lw=0, label=f"{percent(ci_prob)} band"
-            )
+            band_label = f"{percent(ci_prob)} band"
+            ax.fill_between(factor * values, lower, upper, color=BLUE, alpha=0.25, lw=0, label=band_label)
             ax.plot(factor * values, median, color=BLUE, label="median")
             ax.set_xlim(-factor * half, factor * half)
             if column == 0:
@@ -75,31 +70,12 @@ def force_curves(
     return fig
 
 
-def _range_of(ranges: xr.DataArray, symbol: str) -> tuple[float, float]:
-    values = ranges.sel(symbol=symbol).values
-    return float(np.nanmin(values)), float(np.nanmax(values))
-
-
 def force_draws(vessel: Vessel, draws: np.ndarray, dof: str, symbol: str, values: np.ndarray) -> np.ndarray:
-    """Prime force of a DOF along one quantity, all others zero, at the nominal speed, shape (n_draws, n_values).
+    """Prime force of a DOF along prime values of one symbol, others zero, at the nominal speed, (n_draws, n_values).
 
-    Parameters
-    ----------
-    vessel : Vessel
-    draws : ndarray, shape (n_draws, n_coefficients)
-        DOFs one after the other in the vessel's order.
-    dof, symbol : str
-        DOF, and one of :data:`pymc_ship.physics.forces.terms.SYMBOLS`.
-    values : ndarray, shape (n_values,)
-        Prime values of the quantity.
-
-    Raises
-    ------
-    ValueError
-        For draws of another shape than the vessel's coefficients.
+    ValueError for draws of another shape than (n_draws, n_coefficients).
     """
-    sizes = [len(vessel.terms(name)) for name in vessel.dofs]
-    size = sum(sizes) + len(vessel.parameters)
+    size = len(coefficient_names(vessel))
     if draws.ndim != 2 or draws.shape[1] != size or not len(draws):
         raise ValueError(f"Draws of {vessel.name!r} have shape (draws, {size}), found {draws.shape}; reorder them.")
     s, row = vessel.particulars, DOFS.index(dof)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -30,7 +30,6 @@ AS_PUBLISHED: dict[str, Any] = {"ci_prob": 0.9, "step": 0.02, "record_interval":
 """Settings of a forecast in the study of Xue et al. (2020)."""
 
 NO_ROLL = "There is no forecast of roll angles: none or too few of the simulated ships roll."
-"""Remark of a forecast without roll."""
 
 
 def forecast(
@@ -47,7 +46,7 @@ def forecast(
     facility: str | None = None,
     **settings: Any,
 ) -> xr.DataTree:
-    """Forecast a manoeuvre with one simulated ship for each draw.
+    """Forecast a manoeuvre with one simulation for each draw.
 
     Parameters
     ----------
@@ -72,14 +71,13 @@ def forecast(
     Returns
     -------
     DataTree
-        ``trajectories`` (dims draw, time: the simulated ships with ``diverged`` and ``diverged_at``), ``bands`` (dims
-        band, time) and, for a manoeuvre that has indices, ``indices`` (dims draw) and ``index_bands`` (dims band).
-        Bands are quantiles of the draws that have not diverged at that instant, with the uncertainty of the
-        coefficients alone; ``measured_bands`` add the sensor noise where it is known. For a ship with model error,
-        ``indices`` and their bands include it, and infeasible draws are left out. ``extrapolation``, where the motion
-        of the runs is known: ``share_outside`` and median ``distance`` over time, medians of :func:`.extrapolation`
-        over symbol. Attrs: ``share_diverged``, ``share_refused`` (infeasible), ``share_extrapolated`` (NaN where
-        unknown), and the sentences ``extrapolation`` and ``steering``.
+        ``trajectories`` (dims draw, time; with ``diverged`` and ``diverged_at``), ``bands`` (dims band, time) and, for
+        a manoeuvre that has indices, ``indices`` (dims draw) and ``index_bands`` (dims band). Bands are quantiles of
+        the draws that have not diverged; ``measured_bands`` add the sensor noise where it is known. For a ship with
+        model error, ``indices`` and their bands include it, and infeasible draws are left out. ``extrapolation``, where
+        the motion of the runs is known: ``share_outside`` and median ``distance`` over time, medians of
+        :func:`.extrapolation` over symbol. Attrs: ``share_diverged``, ``share_refused`` (infeasible),
+        ``share_extrapolated`` (NaN where unknown), and the sentences ``extrapolation`` and ``steering``.
 
     Raises
     ------
@@ -119,19 +117,14 @@ def forecast(
     unit = all_models[0][0].particulars.ship_time
     duration = manoeuvre.traits.reach * unit if duration is None else duration
     drawn = thinned_draws(all_models, draws)
-    models = drawn if ship.index_error is None else _feasible(drawn, manoeuvre, duration / unit, environment)
-    tree = pooled_forecast(
-        models,
-        manoeuvre,
-        duration=duration,
-        ci_prob=ci_prob,
-        rng=rng,
-        noise=ship.noise_sd,
-        motion=ship.motion,
-        errors=None if ship.index_error is None else ship.index_error | steady_error(ship.motion_error),
-        **(simulation_settings(models[0][0]) | settings),
-        **environment,
-    )
+    models = drawn
+    errors = None
+    if ship.index_error is not None:
+        models = _feasible(drawn, manoeuvre, duration / unit, environment)
+        errors = ship.index_error | steady_error(ship.motion_error)
+    settings = simulation_settings(models[0][0]) | settings | environment | {"duration": duration, "ci_prob": ci_prob}
+    data = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
+    tree = pooled_forecast(models, manoeuvre, rng=rng, **data, **settings)
     tree.attrs["steering"] = _steering_sentence(models[0][0], ship.facilities, facility)
     if facility is not None:
         tree.attrs["steering"] += f" The approach is at {tree.attrs['approach_speed']:.4g} m/s."
@@ -186,29 +179,21 @@ def pooled_forecast(
     errors: Mapping[str, np.ndarray | float] | None = None,
     **settings: Any,
 ) -> xr.DataTree:
-    """Forecast a manoeuvre with the draws of several models: vessels that differ in terms and parts alone.
+    """As :func:`forecast`, with the draws of models that differ in terms and parts alone.
 
     Roll comes from the models that have it; with too few draws for the band, ``dofs`` in attrs has no roll.
 
     Parameters
     ----------
     models : sequence of (Vessel, ndarray of shape (n_draws, n_coefficients))
-        Models with their draws.
-    manoeuvre, duration, ci_prob, rng
+    manoeuvre, duration, ci_prob, rng, **settings
         As :func:`forecast`.
-    **settings
-        Of :func:`pymc_ship.simulate`.
     noise : mapping of str to float, optional
         Standard deviation of the sensors by channel [SI].
     motion : DataArray, dims (row, symbol), optional
         Prime motion the models were fitted to.
     errors : mapping of str to ndarray or float, optional
-        Model error that is added to the indices, by kind; :func:`pymc_ship.ships.ensemble.index_error.model_error`.
-
-    Returns
-    -------
-    DataTree
-        As :func:`forecast`.
+        Model error that is added to the indices, by kind, from :func:`.model_error`.
     """
     runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
     rolling = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])
@@ -221,20 +206,18 @@ def pooled_forecast(
         simulated = xr.concat(runs, "draw", combine_attrs="override")
         simulated = simulated.assign_coords(draw=np.arange(simulated.sizes["draw"]))
         simulated = simulated.assign_attrs(dofs=" ".join(vessel.dofs))
-    ships = _nan_without_roll(simulated, [name for name in SIMULATED if CHANNELS[name].rolling], rolling)
+    ships = _nan_without_roll(simulated, rolling, lambda name: name in CHANNELS and CHANNELS[name].rolling)
     groups = {"trajectories": ships, "bands": quantile_bands(ships[shown], ci_prob)}
     if noise:
         groups["measured_bands"] = quantile_bands(_with_noise(ships[shown], noise, rng), ci_prob)
     departures = None if motion is None else _summarise_extrapolation(extrapolation(vessel, simulated, motion))
     beyond = float(np.nanmax(departures["distance"])) if departures is not None else 0.0
     if manoeuvre.traits.indices:
-        index_draws = indices(simulated)
-        angles = [str(name) for name in index_draws if needs_roll(manoeuvre.traits.indices[str(name)])]
-        index_draws = _nan_without_roll(index_draws, angles, rolling)
-        groups["indices"] = (
-            index_draws if errors is None else with_model_error(index_draws, errors, vessel, rng, beyond=beyond)
-        )
-        groups["index_bands"] = quantile_bands(groups["indices"], ci_prob)
+        kinds = manoeuvre.traits.indices
+        index_draws = _nan_without_roll(indices(simulated), rolling, lambda name: needs_roll(kinds[name]))
+        if errors is not None:
+            index_draws = with_model_error(index_draws, errors, vessel, rng, beyond=beyond)
+        groups |= {"indices": index_draws, "index_bands": quantile_bands(index_draws, ci_prob)}
     attrs = {
         **ships.attrs,
         "label": manoeuvre.label,
@@ -248,18 +231,17 @@ def pooled_forecast(
     }
     if departures is not None:
         groups["extrapolation"] = departures
-        attrs |= {
-            "share_extrapolated": departures.attrs["share_extrapolated"],
-            "extrapolation": sentence(vessel, departures),
-        }
+        attrs["share_extrapolated"] = departures.attrs["share_extrapolated"]
+        attrs["extrapolation"] = sentence(vessel, departures)
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
 
 
-def _nan_without_roll(values: xr.Dataset, names: Sequence[str], rolling: np.ndarray) -> xr.Dataset:
-    """Values by draw; the named ones are NaN for draws without roll."""
+def _nan_without_roll(values: xr.Dataset, rolling: np.ndarray, of_roll: Callable[[str], bool]) -> xr.Dataset:
+    """Values by draw; those of roll are NaN for draws without roll."""
     if rolling.all() or not rolling.any():
         return values
-    return values.assign({name: values[name].where(xr.DataArray(rolling, dims="draw")) for name in names})
+    mask = xr.DataArray(rolling, dims="draw")
+    return values.assign({name: values[name].where(mask) for name in values if of_roll(str(name))})
 
 
 def has_roll(tree: xr.DataTree) -> bool:
@@ -270,33 +252,30 @@ def has_roll(tree: xr.DataTree) -> bool:
 def draws_and_shares(tree: xr.DataTree) -> str:
     """Text beside the bands: number of draws, percentage diverged and, where known, extrapolated."""
     diverged, extrapolated = (tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
-    extrapolated_text = (
-        f", {percentage_outside(extrapolated)} of the instants extrapolated" if np.isfinite(extrapolated) else ""
-    )
-    return f"{tree.attrs['draws']} draws, {100.0 * diverged:.3g} % diverged{extrapolated_text}"
+    text = f"{tree.attrs['draws']} draws, {100.0 * diverged:.3g} % diverged"
+    known = np.isfinite(extrapolated)
+    return text + (f", {percentage_outside(extrapolated)} of the instants extrapolated" if known else "")
 
 
 def _with_noise(ships: xr.Dataset, noise: Mapping[str, float], rng: np.random.Generator) -> xr.Dataset:
     """Motion plus independent normal sensor noise at every instant."""
-    channels = ships[[name for name in ships if name in noise]]
-    return channels.map(
-        lambda channel: channel + noise[channel.name] * rng.standard_normal(channel.shape), keep_attrs=True
-    )
+
+    def noisy(channel: xr.DataArray) -> xr.DataArray:
+        return channel + noise[str(channel.name)] * rng.standard_normal(channel.shape)
+
+    return ships[[name for name in ships if name in noise]].map(noisy, keep_attrs=True)
 
 
 def _summarise_extrapolation(departures: xr.Dataset) -> xr.Dataset:
     """Fraction outside and median distance over time; medians over symbols; totals in attrs."""
     distance, outside = departures["distance"].values, departures["outside"].values
-    running = np.isfinite(distance)
-    count = running.sum(axis=0)
+    count = np.isfinite(distance).sum(axis=0)
     fraction = np.where(count > 0, outside.sum(axis=0) / np.maximum(count, 1), np.nan)
-    over_time = {
-        "share_outside": ("time", fraction),
-        "distance": ("time", quantiles(distance, [0.5])[0], departures["distance"].attrs),
-    }
+    median_distance = ("time", quantiles(distance, [0.5])[0], departures["distance"].attrs)
+    over_time = {"share_outside": ("time", fraction), "distance": median_distance}
     over_symbol = departures.drop_dims("time").median("draw", keep_attrs=True)
     attrs = {
-        "share_extrapolated": float(outside.sum() / running.sum()),
+        "share_extrapolated": float(outside.sum() / count.sum()),
         "median_distance": float(np.median(distance[outside])) if outside.any() else 0.0,
     }
     return over_symbol.assign(over_time).assign_coords(time=departures["time"]).assign_attrs(attrs)

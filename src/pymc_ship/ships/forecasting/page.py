@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed_point, number, percent, rounded_percent, table
+from pymc_ship.pages.tables import Table, fixed_point, heads, number, percent, rounded_percent, table
 from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY, imo_probabilities, probability_text
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -28,14 +28,13 @@ from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_senten
 from pymc_ship.ships.forecasting.stopping import COLUMNS as STOPPING_COLUMNS
 from pymc_ship.ships.forecasting.stopping import stopping_rows, stopping_sentence, stopping_tracks
 
-PAGE = Page(
+PAGE = Page(  # its folder may hold the page of the ship, too
     "forecast.html",
     Path(__file__).with_name("page.html.j2"),
     own=("figures/forecast_*.png", "tables/forecast_*.csv"),
     packages=("pymc-ship", "numpy", "xarray", "numba", "matplotlib"),
     digits=6,
 )
-"""The page of forecasts; its folder may hold the page of the ship, too."""
 
 SOURCES = ("IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76)",)
 
@@ -45,9 +44,7 @@ _CAPTIONS = {
     "motion": "Velocities, rates, roll and rudder.",
 }
 _SWINGS = " Bands are quantiles at each instant; the marks are the overshoots."
-_DECIMALS = {"deg": 2, "L": 2, "s": 1, "m/s": 2, "deg/s": 3}
-"""Decimals of an index by its unit."""
-
+_DECIMALS = {"deg": 2, "L": 2, "s": 1, "m/s": 2, "deg/s": 3}  # decimals of an index by its unit
 _FORCES = "Prime force and moment, one quantity at a time at the nominal speed; shaded: range of the training record."
 
 
@@ -68,19 +65,16 @@ def write_forecast_page(
     Parameters
     ----------
     ship : Ship, Vessel, str or Path
-        Gives the force curves, the motion of its runs and the remarks.
     forecasts : mapping of str to DataTree
-        Forecasts from :func:`pymc_ship.forecast` by the name of their section, such as ``"zigzag 10/10 port"``.
+        From :func:`pymc_ship.forecast`, by the name of their section, such as ``"zigzag 10/10 port"``.
     out : str or Path
         Folder of the page, created where it is missing; other files in it stay.
     vessel : Vessel, str or Path, optional
-        Gives name and particulars; by default the vessel of the ship.
+        By default that of the ship.
     measured : mapping of str to Dataset, optional
         Measured trials by the name of their forecast.
-    turns : Dataset, dims (draw, rate), optional
-        From :func:`pymc_ship.steady_turns`: adds the section on course stability.
-    stop : Dataset, dims (draw, time), optional
-        From :func:`pymc_ship.stopping`: adds a section on the stopping test.
+    turns, stop : Dataset, optional
+        From :func:`pymc_ship.steady_turns` and :func:`pymc_ship.stopping`.
     command : str, optional
         Command that repeats the page.
     progress : callable, optional
@@ -103,7 +97,10 @@ def write_forecast_page(
     measured = dict(measured or {})
     if not forecasts and turns is None and stop is None:
         raise ValueError("A page of forecasts needs at least one forecast, found none; forecast a manoeuvre.")
-    _check_names(forecasts, measured)
+    if unknown := [name for name in measured if name not in forecasts]:
+        raise ValueError(
+            f"A measured trial belongs to one of the forecasts {', '.join(forecasts)}; found {unknown[0]!r}; rename it."
+        )
     out = writable_folder(out)
     verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
     rows, sections = {"forecast_verdict": verdicts} if verdicts else {}, []
@@ -113,10 +110,9 @@ def write_forecast_page(
         trial = measured.get(name)
         drawn |= {f"{slug}_{kind}": figure for kind, figure in manoeuvre_figures(tree, vessel, trial).items()}
         lines = index_rows(tree, vessel, trial)
-        rows |= {slug: lines} if lines else {}
-        rows[f"{slug}_bands"] = band_rows(tree)
-        mine = [row["verdict"] for row in verdicts if row["manoeuvre"] == name]
-        sections.append(_section(slug, name, tree, lines, mine))
+        rows |= ({slug: lines} if lines else {}) | {f"{slug}_bands": band_rows(tree)}
+        of_section = [row["verdict"] for row in verdicts if row["manoeuvre"] == name]
+        sections.append(_section(slug, name, tree, lines, of_section))
     progress("drawing the force curves")
     drawn["forecast_forces"] = force_curves(ship.models, ship.motion)
     if turns is not None:
@@ -126,7 +122,13 @@ def write_forecast_page(
         rows["forecast_stopping"] = stopping_rows(stop)
     no_roll = [] if all(map(has_roll, forecasts.values())) else [NO_ROLL]
     progress("writing the page")
-    values = _head(forecasts, vessel) | {
+    values = {
+        "title": f"{vessel.name}: forecast of its manoeuvres",
+        "vessel_title": vessel.title or vessel.name,
+        "particulars": vessel.particulars,
+        "bands": " and ".join(dict.fromkeys(percent(tree.attrs["ci_prob"]) for tree in forecasts.values())),
+        "sure": f"{CONFORMANCE_PROBABILITY:g}",
+        "unsure": f"{1.0 - CONFORMANCE_PROBABILITY:.2g}",
         "verdicts": verdict_table(verdicts) if verdicts else None,
         "sections": sections,
         "forces": _FORCES,
@@ -177,18 +179,6 @@ def refused_sentence(tree: xr.DataTree) -> str:
     return f"{rounded_percent(fraction)} of the draws diverge in the {label} and are left out." if fraction else ""
 
 
-def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
-    """Values of the page's head: ship, intervals and conformance probabilities."""
-    return {
-        "title": f"{vessel.name}: forecast of its manoeuvres",
-        "vessel_title": vessel.title or vessel.name,
-        "particulars": vessel.particulars,
-        "bands": " and ".join(dict.fromkeys(percent(tree.attrs["ci_prob"]) for tree in forecasts.values())),
-        "sure": f"{CONFORMANCE_PROBABILITY:g}",
-        "unsure": f"{1.0 - CONFORMANCE_PROBABILITY:.2g}",
-    }
-
-
 def verdict_rows(name: str, tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:
     """Rows of :func:`pymc_ship.imo_probabilities` with the name of the manoeuvre and the measured value [deg, L]."""
     measured_values = {} if measured is None else measured_indices(measured, tree.attrs)
@@ -203,18 +193,8 @@ def verdict_rows(name: str, tree: xr.DataTree, vessel: Vessel, measured: xr.Data
 def index_rows(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:
     """Indices of a forecast and of the measured trial; distances in ship lengths.
 
-    Parameters
-    ----------
-    tree : DataTree
-    vessel : Vessel
-    measured : Dataset, dims (time,), optional
-
-    Returns
-    -------
-    list of dict
-        ``index``, ``units``, ``median``, ``lower``, ``upper``, ``reached`` (fraction of the draws) and, with a trial,
-        ``measured``, ``error`` of the median, ``error_units`` (deg for angles, else %) and ``covered`` (yes, no or
-        empty). No rows for a manoeuvre without indices.
+    Rows: ``index``, ``units``, ``median``, ``lower``, ``upper``, ``reached`` (fraction of the draws) and, with a trial,
+    ``measured``, ``error`` of the median, ``error_units`` (deg for angles, else %) and ``covered`` (yes, no or empty).
     """
     if "index_bands" not in tree.children:
         return []
@@ -227,9 +207,8 @@ def index_rows(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = 
         row = {"index": name.replace("_", " "), "units": units}
         row |= {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}
         row["reached"] = float(np.isfinite(draws[name].values).mean())
-        rows.append(
-            row | ({} if measured is None else _measured_columns(row, measured_values.get(name, np.nan) / unit))
-        )
+        row |= {} if measured is None else _measured_columns(row, measured_values.get(name, np.nan) / unit)
+        rows.append(row)
     return rows
 
 
@@ -244,20 +223,12 @@ def band_rows(tree: xr.DataTree) -> list[dict]:
 
 def _measured_columns(row: Mapping, value: float) -> dict:
     """Measured value of an index, error of the median, and whether the interval covers the measured value."""
-    error = (
-        row["median"] - value if row["units"] == "deg" else 100.0 * (row["median"] / value - 1.0) if value else np.nan
-    )
+    error, units = row["median"] - value, "deg"
+    if row["units"] != "deg":
+        error, units = 100.0 * (row["median"] / value - 1.0) if value else np.nan, "%"
     known = np.isfinite(value) and np.isfinite(row["median"])
     covered = ("no", "yes")[row["lower"] <= value <= row["upper"]] if known else ""
-    units = "deg" if row["units"] == "deg" else "%"
     return {"measured": value, "error": float(error), "error_units": units, "covered": covered}
-
-
-def _check_names(forecasts: Mapping, measured: Mapping) -> None:
-    if unknown := [name for name in measured if name not in forecasts]:
-        raise ValueError(
-            f"A measured trial belongs to one of the forecasts {', '.join(forecasts)}; found {unknown[0]!r}; rename it."
-        )
 
 
 def _slugs(names: Iterable[str]) -> list[str]:
@@ -288,11 +259,6 @@ def _section(slug: str, name: str, tree: xr.DataTree, rows: list[dict], verdicts
     }
 
 
-def _as_text(value: object) -> str:
-    """Formatter of a column of numbers that are formatted already."""
-    return str(value)
-
-
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
@@ -304,19 +270,15 @@ def index_table(rows: Sequence[Mapping], ci_prob: float) -> Table:
         n = fixed_point(_DECIMALS[row["units"]])
         texts = {key: n(row[key]) for key in ("median", "measured") if key in row}
         lines.append(dict(row) | texts | {"interval": _interval(row, n), "reached": 100.0 * row["reached"]})
-    columns: Columns = {"index": ("index", str), "units": ("", str), "median": ("median", _as_text)}
-    columns |= {"interval": (f"interval of {percent(ci_prob)}", str)}
+    columns = heads(str, index="index", units="") | heads(number(), median="median")
+    columns |= heads(str, interval=f"interval of {percent(ci_prob)}")
     if "measured" in rows[0]:
         for line in lines:
             error = fixed_point(2 if line["error_units"] == "deg" else 1)(line["error"])
             line["error"] = error if error == "–" else f"{'' if error[0] == '−' else '+'}{error} {line['error_units']}"
-        columns |= {
-            "measured": ("measured", _as_text),
-            "error": ("error of the median", str),
-            "covered": ("covered", str),
-        }
+        columns |= heads(number(), measured="measured") | heads(str, error="error of the median", covered="covered")
     if any(row["reached"] < 1.0 for row in rows):
-        columns["reached"] = ("reached by % of the draws", number(3))
+        columns |= heads(number(3), reached="reached by % of the draws")
     return table(lines, columns)
 
 
@@ -333,9 +295,8 @@ def verdict_table(rows: Sequence[Mapping]) -> Table:
         texts = {"median": "–", "measured": "–"} | {key: f"{n(row[key])} {row['units']}" for key in finite}
         probability = probability_text(row["probability"]) + (f" ± {fixed_point(2)(se)}" if se >= 0.005 else "")
         lines.append(dict(row) | texts | {"interval": _interval(row, n), "probability": probability})
-    columns: Columns = {"manoeuvre": ("manoeuvre", str), "criterion": ("criterion", str), "limit": ("limit", str)}
-    columns |= {"median": ("median", str), "interval": ("interval", str)}
-    columns |= {"probability": ("probability of passing", str), "conformity": ("verdict", str)}
+    columns = heads(str, manoeuvre="manoeuvre", criterion="criterion", limit="limit", median="median")
+    columns |= heads(str, interval="interval", probability="probability of passing", conformity="verdict")
     if any(np.isfinite(row["measured"]) for row in rows):
-        columns["measured"] = ("measured", str)
+        columns |= heads(str, measured="measured")
     return table(lines, columns)

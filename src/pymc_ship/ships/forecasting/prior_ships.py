@@ -24,8 +24,7 @@ from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 
 STATUSES = ("diverged", "wrong way", "course-unstable", "complete")
-"""Status of a draw, the first that is true: `diverged`, `wrong way` (first turns against the rudder), `course-unstable`
-(does not keep a straight course), `complete` (none of these)."""
+"""Status of a draw, the first that is true; `wrong way`: first turns against the rudder; `complete`: none of these."""
 
 SHARES = ("diverged", "wrong_way", "course_unstable", "complete")
 """Names of the attrs ``share_...``, in the order of the statuses."""
@@ -36,9 +35,7 @@ STANDARD = {
 }
 """Manoeuvres of a prior predictive check, and their indices that IMO MSC.137(76) limits."""
 
-TURNED_DEG = 10.0
-"""Heading change [deg] of a turn: that of the initial turning ability of IMO MSC.137(76)."""
-
+TURNED_DEG = 10.0  # heading change [deg] of a turn: that of the initial turning ability of IMO MSC.137(76)
 RegressionPrior = tuple[RegressionData, Prior] | xr.DataTree
 """Prior of one DOF: data and the prior on their scaled columns, or a tree with the group prior."""
 
@@ -63,7 +60,6 @@ def prior_ships(
         that a mapping leaves out has the vessel's reference values.
     manoeuvre : Manoeuvre
     draws : int, optional
-        Number of draws.
     rng : int, SeedSequence or Generator
     duration : float, optional
         [s]; by default that of :func:`pymc_ship.forecast`.
@@ -76,9 +72,8 @@ def prior_ships(
         ``status``, one of :data:`STATUSES`; ``diverged`` and ``diverged_at`` [s]; ``wrong_way``: the heading first
         changed by 10 deg (or the smaller switching heading) against the rudder; ``course_unstable`` and
         ``growth_rate`` [U/L], the largest real part of the eigenvalues of linear sway, yaw and roll; the indices of
-        the manoeuvre, NaN where not reached; ``coefficients`` (draw, coefficient). Attrs: ``share_diverged``,
-        ``share_wrong_way``, ``share_course_unstable`` (a draw may count in several), ``share_complete``,
-        ``fixed_dofs`` (at their reference values) and ``summary``, a sentence.
+        the manoeuvre; ``coefficients`` (draw, coefficient). Attrs: ``share_...`` of each of :data:`SHARES` (a draw may
+        count in several), ``fixed_dofs`` (at their reference values) and ``summary``, a sentence.
 
     Raises
     ------
@@ -110,7 +105,8 @@ def prior_ships(
     if draws < 2:
         raise ValueError(f"A prior predictive check needs two draws or more, found {draws}; raise draws.")
     ships = simulate_draws(vessel, _rows(vessel, prior, draws, rng), manoeuvre, rng, duration=duration, **settings)
-    attrs = {**ships.attrs, "fixed_dofs": _fixed_dofs(vessel, prior)}
+    whole = isinstance(prior, CoefficientPrior | xr.DataTree)
+    attrs = {**ships.attrs, "fixed_dofs": "" if whole else " ".join(dof for dof in vessel.dofs if dof not in prior)}
     return ships.assign_attrs(attrs | {"summary": _summary(attrs)})
 
 
@@ -130,11 +126,7 @@ def simulate_draws(
     tree = pooled_forecast([(vessel, rows)], manoeuvre, duration=duration, ci_prob=0.9, rng=rng, **settings)
     ships = tree["trajectories"].to_dataset()
     growth = growth_rates(vessel, rows, ships.attrs["approach_speed"])
-    flags = {
-        "diverged": ships["diverged"].values,
-        "wrong_way": _wrong_way(ships, manoeuvre),
-        "course_unstable": growth > 0.0,
-    }
+    flags = dict(zip(SHARES, (ships["diverged"].values, _wrong_way(ships, manoeuvre), growth > 0.0), strict=False))
     status = np.select(list(flags.values()), STATUSES[:-1], STATUSES[-1])
     variables = tree["indices"].to_dataset() if "indices" in tree.children else xr.Dataset()
     variables = variables.assign(
@@ -145,33 +137,20 @@ def simulate_draws(
             "coefficients": (("draw", "coefficient"), rows),
         }
     )
-    masks = zip(SHARES, [*flags.values(), status == STATUSES[-1]], strict=True)
-    shares = {f"share_{name}": float(np.mean(mask)) for name, mask in masks}
+    shares = {f"share_{name}": float(np.mean(mask)) for name, mask in flags.items()}
+    shares["share_complete"] = float(np.mean(status == STATUSES[-1]))
     attrs = {**ships.attrs, "label": manoeuvre.label, "draws": len(rows), **shares}
     return variables.assign_coords(draw=ships["draw"], coefficient=coefficient_names(vessel)).assign_attrs(attrs)
 
 
 def share_row(ships: xr.Dataset) -> dict:
-    """Row of a table: shares of the statuses of :func:`prior_ships`.
-
-    Returns
-    -------
-    dict
-        ``manoeuvre``, ``ships`` and the shares ``diverged``, ``wrong_way``, ``course_unstable``, ``complete`` [%].
-    """
+    """Row of a table: ``manoeuvre``, number of ``ships`` and percentage in each of :data:`SHARES`."""
     shares = {name: 100.0 * ships.attrs[f"share_{name}"] for name in SHARES}
     return {"manoeuvre": ships.attrs["label"], "ships": ships.attrs["draws"], **shares}
 
 
 def index_row(ships: xr.Dataset, index: str, L: float, *, ci_prob: float) -> dict:
-    """Row of a table: band of an index of :func:`prior_ships`.
-
-    Returns
-    -------
-    dict
-        ``unit`` (L for distances), ``lower``, ``median`` and ``upper`` of the equal-tailed band over the draws that
-        reach the index, and ``reached``, their percentage.
-    """
+    """Row of a table: ``unit`` (L for distances) and band of an index over the draws that reach it, ``reached`` %."""
     values, unit = ships[index].values, ships[index].attrs["units"]
     values = values[np.isfinite(values)] / (L if unit == "m" else 1.0)
     tail = 0.5 * (1.0 - ci_prob)
@@ -201,7 +180,7 @@ def _rows(
             f"{type(prior).__name__}; make one, for example with coefficient_prior."
         )
     if isinstance(prior, xr.DataTree):
-        return coefficient_draws(vessel, _with_prior(prior, "The tree"), draws, rng, group="prior")
+        return coefficient_draws(vessel, _checked_tree(prior, "The tree"), draws, rng, group="prior")
     trees = {dof: _tree(dof, dof_prior, draws, rng) for dof, dof_prior in prior.items()}
     return coefficient_draws(vessel, trees, draws, rng, group="prior")
 
@@ -209,7 +188,7 @@ def _rows(
 def _tree(dof: str, dof_prior: RegressionPrior, draws: int, rng: np.random.Generator) -> xr.DataTree:
     """Tree with draws from the prior of a DOF."""
     if isinstance(dof_prior, xr.DataTree):
-        return _with_prior(dof_prior, f"The tree of {dof}")
+        return _checked_tree(dof_prior, f"The tree of {dof}")
     kinds = tuple(map(type, dof_prior)) if isinstance(dof_prior, tuple) else ()
     if len(kinds) != 2 or not issubclass(kinds[0], RegressionData) or not issubclass(kinds[1], Prior):
         raise InferenceError(
@@ -220,17 +199,10 @@ def _tree(dof: str, dof_prior: RegressionPrior, draws: int, rng: np.random.Gener
     return xr.DataTree.from_dict({"prior": prior_draws(data, prior, draws, rng=rng)})
 
 
-def _with_prior(tree: xr.DataTree, name: str) -> xr.DataTree:
+def _checked_tree(tree: xr.DataTree, name: str) -> xr.DataTree:
     if "prior" not in tree.children or "coefficients" not in tree["prior"].data_vars:
         raise InferenceError(f"{name} has no coefficients in a group prior; add the group with with_predictive.")
     return tree
-
-
-def _fixed_dofs(vessel: Vessel, prior: CoefficientPrior | xr.DataTree | Mapping[str, RegressionPrior]) -> str:
-    """DOFs at the vessel's reference values, separated by spaces."""
-    if isinstance(prior, CoefficientPrior | xr.DataTree):
-        return ""
-    return " ".join(dof for dof in vessel.dofs if dof not in prior)
 
 
 def _wrong_way(ships: xr.Dataset, manoeuvre: Manoeuvre) -> np.ndarray:

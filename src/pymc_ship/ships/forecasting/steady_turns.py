@@ -19,11 +19,10 @@ from pymc_ship.physics.motion.inputs import steady_inputs
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 
-RATES = np.linspace(-0.8, 0.8, 65)
-"""Prime rates of turn r' = r L / U of the curve."""
+RATES = np.linspace(-0.8, 0.8, 65)  # prime rates of turn r' = r L / U of the curve
+LARGEST_RUDDER = 40.0  # largest rudder angle of the curve [deg]
+SPIRAL_INDICES = {"loop_width": "deg", "residual_rate_starboard": "deg/s", "residual_rate_port": "deg/s"}
 
-LARGEST_RUDDER = 40.0
-"""Largest rudder angle of the curve [deg]."""
 
 _ITERATIONS = 12
 _SMALL, _CONVERGED = 1e-6, 1e-8
@@ -57,36 +56,24 @@ def steady_turns(ship: ShipLike) -> xr.Dataset:
     """
     models = as_ship(ship).models
     parts = [_turns_of_model(vessel, draws) for vessel, draws in models]
-    names = ("delta", "speed", "r", "drift")
-    values = {name: np.concatenate([part[name] for part in parts]) for name in names}
-    units = dict(zip(names, ("deg", "m/s", "deg/s", "deg"), strict=True))
-    return xr.Dataset(
-        {name: (("draw", "rate"), value, {"units": units[name]}) for name, value in values.items()},
-        {"rate": RATES, "draw": np.arange(len(values["delta"]))},
-        {"ship_time": models[0][0].particulars.ship_time},
-    )
+    units = {"delta": "deg", "speed": "m/s", "r": "deg/s", "drift": "deg"}
+    variables = {
+        name: (("draw", "rate"), np.concatenate([part[name] for part in parts]), {"units": unit})
+        for name, unit in units.items()
+    }
+    coords = {"rate": RATES, "draw": np.arange(sum(len(draws) for _, draws in models))}
+    return xr.Dataset(variables, coords, {"ship_time": models[0][0].particulars.ship_time})
 
 
 def spiral_indices(turns: xr.Dataset) -> xr.Dataset:
-    """Width of the spiral's loop and residual rates of turn of each draw; 0 for a course-stable ship.
+    """Indices of :data:`SPIRAL_INDICES` of the draws of :func:`steady_turns`; 0 for a course-stable ship.
 
-    Parameters
-    ----------
-    turns : Dataset, dims (draw, rate)
-        From :func:`steady_turns`.
-
-    Returns
-    -------
-    Dataset, dims (draw,)
-        ``loop_width`` [deg] of rudder; ``residual_rate_starboard`` and ``residual_rate_port`` [deg/s] at the rudder
-        angle of the straight course; NaN where the curve has no such rate.
+    The residual rates are those at the rudder angle of the straight course; NaN where the curve has no such rate.
     """
-    delta, r = turns["delta"].values, turns["r"].values
-    middle = delta.shape[1] // 2
-    rows = [_loop(delta[k], r[k], middle) for k in range(len(delta))]
-    names = (("loop_width", "deg"), ("residual_rate_starboard", "deg/s"), ("residual_rate_port", "deg/s"))
-    values = np.array(rows, dtype=float).reshape(-1, len(names)).T
-    return xr.Dataset({name: ("draw", row, {"units": unit}) for (name, unit), row in zip(names, values, strict=True)})
+    rows = [_loop(delta, r) for delta, r in zip(turns["delta"].values, turns["r"].values, strict=True)]
+    values = np.array(rows, dtype=float).reshape(-1, len(SPIRAL_INDICES)).T
+    named = zip(SPIRAL_INDICES.items(), values, strict=True)
+    return xr.Dataset({name: ("draw", row, {"units": unit}) for (name, unit), row in named})
 
 
 def largest_loop(ship_time: float) -> float:
@@ -137,27 +124,21 @@ def draw_curve(ax: Axes, turns: xr.Dataset | None, ci_prob: float) -> None:
     ax.set_ylabel("steady yaw rate r [deg/s], positive to starboard")
 
 
-def _loop(delta: np.ndarray, r: np.ndarray, middle: int) -> tuple[float, float, float]:
+def _loop(delta: np.ndarray, r: np.ndarray) -> tuple[float, float, float]:
     """Width of the loop [deg], and the rates on its outer branches [deg/s] at the rudder of the straight course."""
-    if not np.isfinite(delta[middle]):
+    middle, gaps = delta.size // 2, np.flatnonzero(~np.isfinite(delta))
+    straight = delta[middle]
+    if np.isnan(straight):
         return np.nan, np.nan, np.nan
-    finite = np.isfinite(delta)
-    first, last = middle, middle
-    while first > 0 and finite[first - 1]:
-        first -= 1
-    while last < delta.size - 1 and finite[last + 1]:
-        last += 1
-    rudder, rate = delta[first : last + 1], r[first : last + 1]
+    around = slice(gaps[gaps < middle].max(initial=-1) + 1, gaps[gaps > middle].min(initial=delta.size))
+    rudder, rate = delta[around], r[around]
     rising = np.flatnonzero(np.diff(rudder) > 0.0)
     if not rising.size:
         return 0.0, 0.0, 0.0
     least, most = rising[0], rising[-1] + 1
-    straight = rudder[middle - first]
-    outer = [
-        _crossing_rate(rudder[most:], rate[most:], straight),
-        _crossing_rate(rudder[least::-1], rate[least::-1], straight),
-    ]
-    return float(rudder[most] - rudder[least]), outer[0], -outer[1]
+    starboard = _crossing_rate(rudder[most:], rate[most:], straight)
+    port = _crossing_rate(rudder[least::-1], rate[least::-1], straight)
+    return float(rudder[most] - rudder[least]), starboard, -port
 
 
 def _crossing_rate(delta: np.ndarray, rate: np.ndarray, level: float) -> float:
@@ -177,8 +158,7 @@ def _turns_of_model(vessel: Vessel, draws: np.ndarray) -> dict[str, np.ndarray]:
     set_parts(columns, constants, work)
     rolls = "roll" in vessel.dofs
     others = steady_inputs(vessel, s.nominal_speed)
-    inputs = np.zeros((1 + others.size, n_ships))
-    inputs[1:] = others[:, None]
+    inputs = np.vstack([np.zeros(n_ships), np.tile(others[:, None], n_ships)])
     state, rate = np.zeros((len(STATE), n_ships)), np.empty((len(STATE), n_ships))
     scale = np.array([s.nominal_speed / s.ship_time] * 2 + [s.ship_time**-2] * 2)
     residual_rows = [0, 1, 2, *([3] if rolls else [])]
@@ -195,11 +175,9 @@ def _turns_of_model(vessel: Vessel, draws: np.ndarray) -> dict[str, np.ndarray]:
     size, middle = len(residual_rows), RATES.size // 2
     solutions = np.full((RATES.size, size, n_ships), np.nan)
     for way in (range(middle, RATES.size), range(middle - 1, -1, -1)):
-        solution = (
-            np.vstack([np.ones(n_ships), np.zeros((size - 1, n_ships))])
-            if way[0] == middle
-            else solutions[middle].copy()
-        )
+        solution = solutions[middle].copy()
+        if way[0] == middle:
+            solution = np.vstack([np.ones(n_ships), np.zeros((size - 1, n_ships))])
         for k in way:
             solution, converged = _newton(residual, solution, float(RATES[k]))
             solutions[k] = np.where(converged & (np.abs(solution[2]) <= np.deg2rad(LARGEST_RUDDER)), solution, np.nan)

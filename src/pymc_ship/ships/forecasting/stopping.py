@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.pages.drawing import BLUE, NOISE, house_style, subplots
-from pymc_ship.pages.tables import fixed_point, rounded_percent
+from pymc_ship.pages.tables import fixed_point, heads, rounded_percent
 from pymc_ship.physics.manoeuvre.criteria import probability_text
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import takes_revolutions
@@ -25,20 +25,10 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.stopping_tests import INDICES, LARGE, LIMIT
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 
-COLUMNS = {"index": ("index", str), "units": ("", str)} | {
-    name: (name, fixed_point(1)) for name in ("median", "lower", "upper")
-}
-"""Columns of the page's table."""
-
-LONGEST = 150.0
-"""Longest simulated time [L/U]."""
-
-MOST_ASTERN = 1.5
-"""Largest ratio of revolutions astern to the nominal ones."""
-
-REVERSAL = 1.5
-"""Default time from the order to the revolutions astern [L/U]."""
-
+COLUMNS = heads(str, index="index", units="") | heads(fixed_point(1), median="median", lower="lower", upper="upper")
+LONGEST = 150.0  # longest simulated time [L/U]
+MOST_ASTERN = 1.5  # largest ratio of revolutions astern to the nominal ones
+REVERSAL = 1.5  # default time from the order to the revolutions astern [L/U]
 _STEPS = 20  # in L/U
 _SHOWN = 40  # tracks of a figure
 _NOT_ASTERN = (
@@ -53,12 +43,9 @@ class StoppingTest:
 
     Attributes
     ----------
-    astern : float
-        Revolutions astern [1/s], a magnitude.
-    reversal : float or None
-        Time from the order to these revolutions [s]; None for 1.5 L/U, a minute for a large tanker.
-    approach_speed : float or None
-        [m/s]; None for the vessel's nominal speed.
+    astern : float; magnitude of the revolutions astern [1/s]
+    reversal : float or None; time from the order to these revolutions [s]; None for 1.5 L/U
+    approach_speed : float or None; [m/s]; None for the vessel's nominal speed
     """
 
     astern: float
@@ -76,7 +63,7 @@ class StoppingTest:
 
     def _times(self, vessel: Vessel) -> tuple[float, float]:
         """Time of the reversal [s] and approach speed [m/s] of a vessel."""
-        if not models_astern(vessel):
+        if not _models_astern(vessel):
             raise SimulationError(_NOT_ASTERN)
         s, nominal = vessel.particulars, ship_dimensions(vessel).n
         reversal = REVERSAL * s.ship_time if self.reversal is None else self.reversal
@@ -101,11 +88,7 @@ class StoppingTest:
 
 
 def stopping(
-    ship: ShipLike,
-    *,
-    astern: float,
-    reversal: float | None = None,
-    approach_speed: float | None = None,
+    ship: ShipLike, *, astern: float, reversal: float | None = None, approach_speed: float | None = None
 ) -> xr.Dataset:
     """Simulate the stopping test with every draw.
 
@@ -125,7 +108,7 @@ def stopping(
     Dataset, dims (draw,), (draw, time)
         ``track_reach``, ``head_reach`` and ``lateral_deviation`` [m], positive to starboard, ``stopping_time`` [s] and
         ``heading_change`` [deg] from the order until u = 0, NaN where the ship does not stop within 150 L/U; ``x``,
-        ``y`` [m] and ``u`` [m/s], NaN after the stop. Attrs: ``L``, ``astern`` and ``reversal``.
+        ``y`` [m] and ``u`` [m/s], NaN after the stop. Attrs: ``L`` and those of :class:`StoppingTest`.
 
     Raises
     ------
@@ -142,7 +125,7 @@ def stopping(
     >>> print(f"track reach {stop['track_reach'].item() / 320.0:.1f} L in {stop['stopping_time'].item():.0f} s")
     track reach 13.1 L in 1304 s
     """
-    models = [(vessel, rows) for vessel, rows in as_ship(ship).models if models_astern(vessel)]
+    models = [(vessel, rows) for vessel, rows in as_ship(ship).models if _models_astern(vessel)]
     if not models:
         raise SimulationError(_NOT_ASTERN)
     first = models[0][0]
@@ -150,34 +133,16 @@ def stopping(
     time = step * np.arange(round(LONGEST * _STEPS) + 1)
     states = np.concatenate([test.simulate(vessel, rows, time)[1] for vessel, rows in models], axis=1)
     indices = stopping_indices(dict(zip(STATE, states, strict=True)), time)
-    attrs = {"L": first.particulars.L} | asdict(test)
-    return indices.assign_attrs(attrs)
+    return indices.assign_attrs({"L": first.particulars.L} | asdict(test))
 
 
 def stopping_indices(motion: Mapping[str, np.ndarray], time: np.ndarray) -> xr.Dataset:
-    """Indices and motion of draws until u = 0.
-
-    Parameters
-    ----------
-    motion : mapping of str to ndarray, shape (n_draws, n_time)
-        u [m/s], psi [rad], x and y [m] from the order astern on.
-    time : ndarray, shape (n_time,)
-        [s].
-
-    Returns
-    -------
-    Dataset, dims (draw,), (draw, time)
-        As :func:`stopping` returns it.
-    """
+    """Indices and motion, as :func:`stopping` returns them, of draws of u, psi, x and y (n_draws, n_time) [SI, rad]."""
     u, psi, x, y = (motion[name] for name in ("u", "psi", "x", "y"))
-    n_draws = len(u)
-    values = {name: np.full(n_draws, np.nan) for name in INDICES}
+    values = {name: np.full(len(u), np.nan) for name in INDICES}
     motion_until_stop = {name: np.full(u.shape, np.nan) for name in ("u", "x", "y")}
-    for k in range(n_draws):
-        still = np.flatnonzero(u[k] <= 0.0)
-        if not still.size:
-            continue
-        end = still[0]
+    for k in np.flatnonzero((u <= 0.0).any(axis=1)):
+        end = int(np.argmax(u[k] <= 0.0))
         weight = u[k, end - 1] / (u[k, end - 1] - u[k, end])
         last = [row[k, end - 1] + weight * (row[k, end] - row[k, end - 1]) for row in (x, y, psi)]
         path_x, path_y = np.append(x[k, :end], last[0]), np.append(y[k, :end], last[1])
@@ -185,15 +150,13 @@ def stopping_indices(motion: Mapping[str, np.ndarray], time: np.ndarray) -> xr.D
         values["head_reach"][k], values["lateral_deviation"][k] = last[:2]
         values["stopping_time"][k] = time[end - 1] + weight * (time[end] - time[end - 1])
         values["heading_change"][k] = np.rad2deg(last[2])
-        for name, row in (("u", u), ("x", x), ("y", y)):
-            motion_until_stop[name][k, :end] = row[k, :end]
+        for name, row in motion_until_stop.items():
+            row[k, :end] = motion[name][k, :end]
     n_shown = int(np.flatnonzero(np.isfinite(motion_until_stop["u"]).any(axis=0)).max(initial=0)) + 1
     variables: dict[str, tuple] = {name: ("draw", value, {"units": INDICES[name]}) for name, value in values.items()}
-    units = {"u": "m/s", "x": "m", "y": "m"}
-    variables |= {
-        name: (("draw", "time"), row[:, :n_shown], {"units": units[name]}) for name, row in motion_until_stop.items()
-    }
-    return xr.Dataset(variables, {"draw": np.arange(n_draws), "time": ("time", time[:n_shown], {"units": "s"})})
+    for name, units in (("u", "m/s"), ("x", "m"), ("y", "m")):
+        variables[name] = (("draw", "time"), motion_until_stop[name][:, :n_shown], {"units": units})
+    return xr.Dataset(variables, {"draw": np.arange(len(u)), "time": ("time", time[:n_shown], {"units": "s"})})
 
 
 def stopping_sentence(stop: xr.Dataset) -> str:
@@ -227,27 +190,24 @@ def stopping_rows(stop: xr.Dataset) -> list[dict]:
 @house_style
 def stopping_tracks(stop: xr.Dataset) -> Figure:
     """Tracks of the draws until they stop [L], and u against time."""
-    L = stop.attrs["L"]
     fig, axes = subplots(8.0, 3.6, 1, 2)
     track, speed = axes[0]
-    reach = stop["track_reach"].values
+    reach, (x, y) = stop["track_reach"].values, (stop[name].values / stop.attrs["L"] for name in ("x", "y"))
     order = np.argsort(reach)[: np.isfinite(reach).sum()]
     for k in order[:: max(order.size // _SHOWN, 1)]:
-        track.plot(stop["y"].values[k] / L, stop["x"].values[k] / L, color=NOISE, lw=0.6)
+        track.plot(y[k], x[k], color=NOISE, lw=0.6)
         speed.plot(stop["time"].values, stop["u"].values[k], color=NOISE, lw=0.6)
     if order.size:
         k = order[order.size // 2]
-        track.plot(stop["y"].values[k] / L, stop["x"].values[k] / L, color=BLUE, label="median of the track reach")
+        track.plot(y[k], x[k], color=BLUE, label="median of the track reach")
         speed.plot(stop["time"].values, stop["u"].values[k], color=BLUE)
         track.legend(loc="best")
     track.set_aspect("equal", adjustable="datalim")
-    track.set_xlabel("transfer to starboard [L]")
-    track.set_ylabel("advance [L]")
-    speed.set_xlabel("time from the order [s]")
-    speed.set_ylabel("surge velocity u [m/s]")
+    track.set(xlabel="transfer to starboard [L]", ylabel="advance [L]")
+    speed.set(xlabel="time from the order [s]", ylabel="surge velocity u [m/s]")
     return fig
 
 
-def models_astern(vessel: Vessel) -> bool:
+def _models_astern(vessel: Vessel) -> bool:
     """Whether the forces of a vessel are valid with the propeller astern."""
     return valid_at_any_speed(vessel) and takes_revolutions(vessel)

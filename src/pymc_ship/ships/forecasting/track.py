@@ -17,24 +17,17 @@ from pymc_ship.physics.manoeuvre.kinds import SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import align_to_first_execute, measured_indices
+from pymc_ship.ships.ensemble.scores import BANDS
 
-BEAM = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0.14)])
-"""Half outline of a ship from above: forward in ship lengths, abeam in beams."""
-
-N_TRACKS = 40
-"""Draws whose tracks are drawn."""
-
+_HALF_OUTLINE = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0.14)])  # x/L, y/B
+_N_TRACKS = 40  # draws whose tracks are drawn
 _INTERVALS = (1, 2, 5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600)
 _SPACING, _POINTS, _FIRST_ROUND, _SHOWN_TURN = 1.6, 160, 360.0, 420.0
-_ROOM = 0.11
-"""Room for a dimension line and its text, as a share of the larger range of the track."""
+_ROOM = 0.11  # room for a dimension line and its text, as a fraction of the larger range of the track
 
 
 def median_ship(tree: xr.DataTree) -> int:
-    """Draw whose indices (or track, without indices) are nearest the medians, in standard deviations.
-
-    The indices are without model error; diverged draws are left out unless all diverged.
-    """
+    """Draw whose indices (or track, without indices) are nearest the medians; a diverged one if all diverged."""
     ships = tree["trajectories"].to_dataset()
     if "indices" in tree.children:
         columns = [values.values for values in indices(ships).data_vars.values()]
@@ -50,7 +43,7 @@ def median_ship(tree: xr.DataTree) -> int:
 
 def hull(vessel: Vessel, x: float, y: float, psi: float) -> np.ndarray:
     """Outline of the ship at a position [m] and heading [rad]: advance and transfer [L], shape (n_points, 2)."""
-    half = np.vstack([BEAM, [(0.5, 0.0)], (BEAM * (1.0, -1.0))[::-1]])
+    half = np.vstack([_HALF_OUTLINE, [(0.5, 0.0)], (_HALF_OUTLINE * (1.0, -1.0))[::-1]])
     ahead, abeam = half[:, 0], half[:, 1] * vessel.particulars.B / vessel.particulars.L
     c, s = np.cos(psi), np.sin(psi)
     centre = np.array([x, y]) / vessel.particulars.L
@@ -114,27 +107,17 @@ def _position_at(ship: xr.Dataset, turned: float) -> tuple[float, float] | None:
 
 @house_style
 def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> Figure:
-    """Tracks of a forecast in ship lengths, with outlines of the ship to scale.
+    """Tracks of a forecast in ship lengths, with outlines to scale: draws, median ship and a trial with x, y and psi.
 
-    Parameters
-    ----------
-    tree : DataTree
-        From :func:`pymc_ship.forecast`.
-    vessel : Vessel
-        Gives L and B.
-    measured : Dataset, dims (time,), optional
-        Trial, aligned to its first execute; left out where it lacks x, y or psi.
-
-    Returns
-    -------
-    Figure
-        Thin tracks of up to :data:`N_TRACKS` draws, the median ship and the trial. A circle shows its first round with
-        the points and dimensions at 90 and 180 deg. A track more than 2.5 times as long as wide has ahead to the right.
+    A circle shows its first round with the points and dimensions at 90 and 180 deg. A track more than 2.5 times as long
+    as wide has ahead to the right.
     """
     turning = kind_named(tree.attrs["manoeuvre"]).circles
     most = _SHOWN_TURN if turning else np.inf
     ships = tree["trajectories"].to_dataset()
-    drawn = [_until(ships.isel(draw=k), most) for k in _shown_draws(ships, median_ship(tree))]
+    median = median_ship(tree)
+    shown = [median, *(k for k in range(ships.sizes["draw"]) if k != median)][:_N_TRACKS]
+    drawn = [_until(ships.isel(draw=k), most) for k in shown]
     trial = _measured_track(tree, measured, most)
     named = [(drawn[0], BLUE, "median ship")] + ([] if trial is None else [(trial, REFERENCE, "measured")])
     advance, transfer = (_extent([*drawn, *([] if trial is None else [trial])], name, vessel) for name in ("x", "y"))
@@ -178,11 +161,6 @@ def _with_room(
     return (advance[0] - room, advance[1] + room), aside
 
 
-def _shown_draws(ships: xr.Dataset, first: int) -> list[int]:
-    """Draws to show, the median ship first."""
-    return [first, *(k for k in range(ships.sizes["draw"]) if k != first)][:N_TRACKS]
-
-
 def _measured_track(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr.Dataset | None:
     """Aligned trial as long as the forecast, up to a heading change [deg]; None where it has no track."""
     if measured is None:
@@ -216,14 +194,9 @@ def _dimensions(
     for (label, angle), position in marks.items():
         if position is not None:
             colour = BLUE if label == "median ship" else REFERENCE
-            shape: dict[str, Any] = {
-                "marker": "o" if angle == 90.0 else "s",
-                "ls": "none",
-                "color": colour,
-                "mec": "white",
-            }
             where = f"{angle:g}° of heading" if label == "median ship" else None
-            plan.ax.plot(position[1] / plan.L, position[0] / plan.L, ms=7.0, zorder=4, label=where, **shape)
+            style: dict[str, Any] = {"color": colour, "mec": "white", "ms": 7.0, "zorder": 4, "label": where}
+            plan.ax.plot(position[1] / plan.L, position[0] / plan.L, "o" if angle == 90.0 else "s", **style)
     inward = 0.8 * _ROOM / (1.0 + 2.0 * _ROOM) * np.ptp(advance)
     side = transfer[0] + inward if tree.attrs["side"] == "starboard" else transfer[1] - inward
     levels = {"advance": side, "transfer": advance[1] - inward, "tactical_diameter": advance[0] + inward}
@@ -235,7 +208,7 @@ def _dimensions(
 
 def _dimension_text(tree: xr.DataTree, name: str, L: float, measured: float) -> str:
     bands = tree["index_bands"][name] / L
-    lower, median, upper = (f"{float(bands.sel(band=band)):.2f}" for band in ("lower", "median", "upper"))
+    lower, median, upper = (f"{float(bands.sel(band=band)):.2f}" for band in BANDS)
     measured_line = f"\nmeasured {measured:.2f} L" if np.isfinite(measured) else ""
     return f"{name.replace('_', ' ')} {median} L\n({lower} to {upper}){measured_line}"
 
@@ -248,11 +221,9 @@ def _dimension(ax: Axes, mark: np.ndarray, level: float, text: str, *, vertical:
     arrow = {"arrowstyle": "<->", "lw": 0.9, "color": REFERENCE, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", tuple(ends[1]), tuple(ends[0]), arrowprops=arrow)
     away = 5.0 if level > 0.0 else -5.0
-    settings: dict[str, Any]
+    settings: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8.0, "multialignment": "center"}
     if vertical:
-        settings = {"xytext": (away, 0), "ha": "left" if level > 0.0 else "right", "va": "center", "rotation": 90.0}
+        settings |= {"xytext": (away, 0), "ha": "left" if level > 0.0 else "right", "va": "center", "rotation": 90.0}
     else:
-        settings = {"xytext": (0, away), "ha": "center", "va": "bottom" if level > 0.0 else "top"}
-    ax.annotate(
-        text, tuple(ends.mean(axis=0)), textcoords="offset points", fontsize=8.0, multialignment="center", **settings
-    )
+        settings |= {"xytext": (0, away), "ha": "center", "va": "bottom" if level > 0.0 else "top"}
+    ax.annotate(text, tuple(ends.mean(axis=0)), **settings)

@@ -1,4 +1,4 @@
-"""The report of a sea trial as IMO MSC/Circ.1053 asks for it: conditions, indices as measured and corrected, limits.
+"""The report of a sea trial by IMO MSC/Circ.1053: conditions, indices as measured and corrected, limits.
 
 - `conditions`: conditions of the trial, and the circular's limits for them.
 - `current`: the current from a turn of two rounds.

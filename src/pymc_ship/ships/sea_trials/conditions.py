@@ -13,18 +13,10 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
 from pymc_ship.physics.vessel.vessel import Vessel
 
-MIN_DEPTH_RATIO = 4.0
-"""Least water depth over mean draught (2.2.1.2.1 of the circular)."""
-
-MAX_BEAUFORT, MAX_SEA_STATE = 5, 4
-"""Highest Beaufort number and sea state of a trial."""
-
-DRAUGHT_TOLERANCE = 0.05
-"""Largest relative deviation of the mean draught from that of full load."""
-
-MIN_SPEED_RATIO = 0.9
-"""Least approach speed over that at 85 % of the highest engine output."""
-
+MIN_DEPTH_RATIO = 4.0  # least water depth over mean draught (2.2.1.2.1 of the circular)
+MAX_BEAUFORT, MAX_SEA_STATE = 5, 4  # highest Beaufort number and sea state of a trial
+DRAUGHT_TOLERANCE = 0.05  # largest relative deviation of the mean draught from that of full load
+MIN_SPEED_RATIO = 0.9  # least approach speed over that at 85 % of the highest engine output
 TEXTS = (
     "administration",
     "reference",
@@ -39,9 +31,7 @@ TEXTS = (
 )
 """Texts of the form (appendix 6 of the circular)."""
 
-NOT_STATED = "not stated"
-"""Text for a missing condition."""
-
+NOT_STATED = "not stated"  # text for a missing condition
 _BEAUFORT = (0.3, 1.6, 3.4, 5.5, 8.0, 10.8, 13.9, 17.2, 20.8, 24.5, 28.5, 32.7)  # m/s, least of each number from 1
 _KEYS = {
     "water": ("depth", "sea_state"),
@@ -58,18 +48,12 @@ class Conditions:
 
     Attributes
     ----------
-    water_depth : float
-        [m].
-    sea_state : float
-        Code of the WMO, 0 to 9.
-    wind : (float, float) or None
-        Speed [m/s] and direction of origin [deg] of the true wind.
-    fore, aft, full_load : float
-        Draughts forward and aft, and the mean draught at full load [m].
-    speed_at_85_percent : float
-        Speed at 85 % of the highest engine output [m/s].
-    form : dict of str to str
-        Texts by the keys of :data:`TEXTS`.
+    water_depth : float; [m]
+    sea_state : float; code of the WMO, 0 to 9
+    wind : (float, float) or None; speed [m/s] and direction of origin [deg] of the true wind
+    fore, aft, full_load : float; draughts forward and aft, and the mean draught at full load [m]
+    speed_at_85_percent : float; speed at 85 % of the highest engine output [m/s]
+    form : dict of str to str; texts by the keys of :data:`TEXTS`
     """
 
     water_depth: float = math.nan
@@ -88,28 +72,13 @@ class Conditions:
 
 
 def load_conditions(source: str | Path | Mapping | None) -> Conditions:
-    """Read and check the conditions of a trial.
+    """Read the conditions of a trial from a TOML file or its table; None for unknown conditions.
 
-    Parameters
-    ----------
-    source : str, Path, mapping or None
-        TOML file, or its table; None for unknown conditions.
-
-    Returns
-    -------
-    Conditions
-
-    Raises
-    ------
-    TrialError
-        For an unreadable file, unknown keys or impossible values.
+    TrialError for an unreadable file, unknown keys or impossible values.
     """
     if source is None:
         return Conditions()
-    return _conditions(toml_table(source, "The conditions", TrialError))
-
-
-def _conditions(file: Entry) -> Conditions:
+    file = toml_table(source, "The conditions", TrialError)
     file.check_keys(tuple(_KEYS))
     tables = {name: file.at(name, {}) for name in _KEYS}
     for name, table in tables.items():
@@ -149,22 +118,10 @@ def beaufort(speed: float) -> int:
 
 
 def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speeds: Mapping[str, float]) -> list[dict]:
-    """Conditions and their limits by the circular.
+    """Rows ``condition``, ``found``, ``limit`` by the circular and ``conformity`` (met, not met or not stated).
 
-    Parameters
-    ----------
-    conditions : Conditions
-    vessel : Vessel
-        At the draught of the trial.
-    wind : float
-        Largest mean wind speed of a run [m/s]; NaN where none is known.
-    speeds : mapping of str to float
-        Approach speed of each run [m/s].
-
-    Returns
-    -------
-    list of dict
-        ``condition``, ``found`` and ``limit`` in words, and ``conformity``: met, not met or not stated.
+    ``vessel`` is at the draught of the trial; ``wind`` is the largest mean wind speed of a run [m/s] or NaN; ``speeds``
+    are the approach speeds of the runs [m/s].
     """
     draught = conditions.draught(vessel)
     depth = conditions.water_depth / draught
@@ -173,42 +130,20 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
     wind_text = f"Beaufort {beaufort(wind)} ({wind:.1f} m/s)" if np.isfinite(wind) else ""
     number = beaufort(wind) if np.isfinite(wind) else math.nan
     draught_text = f"{draught:.4g} m, {conditions.full_load:.4g} m at full load"
+    draught_limit = f"within {100.0 * DRAUGHT_TOLERANCE:g} % of full load"
     off_draught = abs(draught / conditions.full_load - 1.0)
-    speed_ratio = slowest / conditions.speed_at_85_percent
+    ratio = slowest / conditions.speed_at_85_percent
+    speed_text = f"{slowest:.2f} m/s, {100.0 * ratio:.0f} % of that at 85 % output"
+    rows = (
+        ("water depth over mean draught", f"{depth:.1f}", f"above {MIN_DEPTH_RATIO:g}", depth, depth > MIN_DEPTH_RATIO),
+        ("wind", wind_text, f"up to Beaufort {MAX_BEAUFORT}", number, number <= MAX_BEAUFORT),
+        ("sea state", f"{sea:g}", f"up to {MAX_SEA_STATE}", sea, sea <= MAX_SEA_STATE),
+        ("mean draught", draught_text, draught_limit, off_draught, off_draught <= DRAUGHT_TOLERANCE),
+        ("slowest approach speed", speed_text, f"from {100.0 * MIN_SPEED_RATIO:g} %", ratio, ratio >= MIN_SPEED_RATIO),
+    )
     return [
-        _row(
-            "water depth over mean draught",
-            f"{depth:.1f}",
-            f"above {MIN_DEPTH_RATIO:g}",
-            depth,
-            depth > MIN_DEPTH_RATIO,
-        ),
-        _row("wind", wind_text, f"up to Beaufort {MAX_BEAUFORT}", number, number <= MAX_BEAUFORT),
-        _row("sea state", f"{sea:g}", f"up to {MAX_SEA_STATE}", sea, sea <= MAX_SEA_STATE),
-        _row(
-            "mean draught",
-            draught_text,
-            f"within {100.0 * DRAUGHT_TOLERANCE:g} % of full load",
-            off_draught,
-            off_draught <= DRAUGHT_TOLERANCE,
-        ),
-        _row(
-            "slowest approach speed",
-            f"{slowest:.2f} m/s, {100.0 * speed_ratio:.0f} % of that at 85 % output",
-            f"from {100.0 * MIN_SPEED_RATIO:g} %",
-            speed_ratio,
-            speed_ratio >= MIN_SPEED_RATIO,
-        ),
+        {"condition": condition, "found": text, "limit": limit, "conformity": "met" if met else "not met"}
+        if np.isfinite(value)
+        else {"condition": condition, "found": NOT_STATED, "limit": limit, "conformity": NOT_STATED}
+        for condition, text, limit, value, met in rows
     ]
-
-
-def _row(condition: str, text: str, limit: str, value: float, met: bool) -> dict:
-    """Row of a condition; NaN is a value not stated."""
-    is_stated = np.isfinite(value)
-    conformity = ("met" if met else "not met") if is_stated else NOT_STATED
-    return {
-        "condition": condition,
-        "found": text if is_stated else NOT_STATED,
-        "limit": limit,
-        "conformity": conformity,
-    }

@@ -28,9 +28,7 @@ from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.loading import at_loading
 from pymc_ship.trial.record import OVER_GROUND
 
-DRAWS = 100
-"""Draws of each part: record, current and model."""
-
+DRAWS = 100  # draws of each part: record, current and model
 _DRIFTS = 30  # draws of the wind drift
 _LONGER = 1.3  # simulated time over that of the record, for slower draws
 
@@ -41,14 +39,10 @@ class Model:
 
     Attributes
     ----------
-    models : list of (Vessel, ndarray of shape (n_draws, n_coefficients))
-        Of an identified ship; empty for no correction.
-    tried : Vessel or None
-        Vessel at the loading of the trial.
-    loaded : Vessel or None
-        Vessel at full load, where that is another loading.
-    wind : bool
-        Whether the models have wind forces; True in calm.
+    models : list of (Vessel, ndarray of shape (n_draws, n_coefficients)); empty for no correction
+    tried : Vessel or None; at the loading of the trial
+    loaded : Vessel or None; at full load, where that is another loading
+    wind : bool; whether the models have wind forces; True in calm
     """
 
     models: list[tuple[Vessel, np.ndarray]] = field(default_factory=list)
@@ -73,25 +67,21 @@ def corrected_indices(
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        Checked and corrected record of the run.
     manoeuvre : Manoeuvre
-        Recognised manoeuvre.
+        Recognised in the trial.
     vessel : Vessel
-        Gives L.
     rudder_delay : float
-        Of the steering gear [s].
+        [s].
     wind : (float, float) or None
         Speed [m/s] and direction of origin [deg] of the mean true wind; None for no correction.
-    current : DriftCurrent or None
-    model : Model
-    rng : Generator
+    current, model, rng : DriftCurrent or None, Model, Generator
 
     Returns
     -------
     list of dict
-        For each index of the record: ``index``, ``units`` (L for distances), ``raw``, ``without_current``, ``ratio``
-        F / B (1 without a model), ``corrected``, ``limit`` of IMO MSC.137(76) (NaN for none), and the deviations
-        ``u_record``, ``u_current`` and ``u_model``, shape (n_draws,), NaN where unknown.
+        For each index: ``index``, ``units`` (L for distances), ``raw``, ``without_current``, ``ratio`` F / B (1 without
+        a model), ``corrected``, ``limit`` of IMO MSC.137(76) (NaN for none), and the deviations ``u_record``,
+        ``u_current`` and ``u_model``, shape (n_draws,), NaN where unknown.
 
     Raises
     ------
@@ -102,7 +92,9 @@ def corrected_indices(
     smooth, flow = denoise_motion(trial), np.zeros(2) if current is None else current.velocity
     measured = indices_of_denoised(smooth, attrs)
     in_still_water = indices_of_denoised(without_current(smooth, flow), attrs)
-    by_record = _by_record(trial, flow, attrs, rng)
+    by_record = _deviations(
+        index_draws(trial, attrs, draws=DRAWS, rng=rng, corrected=lambda record: without_current(record, flow))
+    )
     by_current = _by_current(smooth, current, attrs, rng)
     by_model = _ratios(manoeuvre, trial, wind, model)
     limits = {name: limit for name, limit, _, _ in imo_limits(attrs, vessel)}
@@ -141,10 +133,8 @@ def without_current(smooth: xr.Dataset, velocity: np.ndarray) -> xr.Dataset:
             channels[name] = ("time", smooth[name].values - rate * time)
     if smooth.attrs.get("speeds") == OVER_GROUND and {"u", "v", "psi"} <= set(smooth.data_vars):
         body_current = (velocity[0] + 1j * velocity[1]) * np.exp(-1j * smooth["psi"].values)
-        channels |= {
-            "u": ("time", smooth["u"].values - body_current.real),
-            "v": ("time", smooth["v"].values - body_current.imag),
-        }
+        for name, part in (("u", body_current.real), ("v", body_current.imag)):
+            channels[name] = ("time", smooth[name].values - part)
     return smooth.assign(channels)
 
 
@@ -180,13 +170,6 @@ def _from_bow(wind: tuple[float, float], course: float) -> tuple[float, float]:
     return wind[0], wind[1] - float(np.rad2deg(course))
 
 
-def _by_record(trial: xr.Dataset, flow: np.ndarray, attrs: Mapping, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Deviation of each index over draws of the denoised record; empty where it cannot be denoised."""
-    return _deviations(
-        index_draws(trial, attrs, draws=DRAWS, rng=rng, corrected=lambda smooth: without_current(smooth, flow))
-    )
-
-
 def _by_current(
     smooth: xr.Dataset, current: DriftCurrent | None, attrs: Mapping, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
@@ -194,9 +177,8 @@ def _by_current(
     if current is None:
         return {}
     drawn = current.velocity + current.sd * rng.standard_normal((DRAWS, 2))
-    return _deviations(
-        finite_indices(indices_of_denoised(without_current(smooth, velocity), attrs) for velocity in drawn)
-    )
+    by_draw = (indices_of_denoised(without_current(smooth, velocity), attrs) for velocity in drawn)
+    return _deviations(finite_indices(by_draw))
 
 
 def _deviations(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -213,11 +195,9 @@ def _ratios(
     trial_wind = None if wind is None else _from_bow(wind, base_course(trial))
     by_index: dict[str, list[np.ndarray]] = {}
     for vessel, rows in thinned_draws(model.models, DRAWS):
-        full = (
-            (vessel, rows)
-            if model.loaded is None or model.tried is None
-            else at_loading(vessel, rows, model.tried, model.loaded)
-        )
+        full = vessel, rows
+        if model.loaded is not None and model.tried is not None:
+            full = at_loading(vessel, rows, model.tried, model.loaded)
         both_indices = []
         for ship, draws, wind_of_run in ((*full, None), (vessel, rows, trial_wind)):
             settings = simulation_settings(ship) | {"duration": manoeuvre.traits.reach * ship.particulars.ship_time}
@@ -226,7 +206,7 @@ def _ratios(
             with np.errstate(divide="ignore", invalid="ignore"):
                 by_index.setdefault(str(name), []).append(both_indices[0][name].values / both_indices[1][name].values)
     ratios = {name: np.concatenate(values) for name, values in by_index.items()}
-    ratios = {name: values[np.isfinite(values)] for name, values in ratios.items()}
-    if not any(values.size for values in ratios.values()):
+    ratios = {name: values[np.isfinite(values)] for name, values in ratios.items() if np.isfinite(values).any()}
+    if not ratios:
         raise TrialError(f"Every draw diverges in the {manoeuvre.label} in these conditions; leave ship out.")
-    return {name: values for name, values in ratios.items() if values.size}
+    return ratios

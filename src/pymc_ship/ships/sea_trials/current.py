@@ -27,12 +27,9 @@ class DriftCurrent:
 
     Attributes
     ----------
-    velocity : ndarray, shape (2,)
-        To north and east [m/s].
-    sd : ndarray, shape (2,)
-        Standard uncertainty of each [m/s].
-    local : ndarray, shape (n_pairs, 2)
-        Velocities between positions a round apart [m/s].
+    velocity : ndarray, shape (2,); to north and east [m/s]
+    sd : ndarray, shape (2,); standard uncertainty of each [m/s]
+    local : ndarray, shape (n_pairs, 2); velocities between positions a round apart [m/s]
     """
 
     velocity: np.ndarray
@@ -62,17 +59,13 @@ def drift_current(trial: xr.Dataset) -> DriftCurrent:
     Returns
     -------
     DriftCurrent
-        Limit of the velocities between positions one round apart, every 5 deg of heading, with its standard uncertainty
-        (one independent pair per round). The circular takes their mean, which includes the transient.
+        Limit of the velocities between positions one round apart, every 5 deg of heading. The circular takes their
+        mean, which includes the transient.
 
     Raises
     ------
     TrialError
         For a turn that is too short, or a record without a channel.
-
-    References
-    ----------
-    IMO (2002), Explanatory notes to the standards for ship manoeuvrability, MSC/Circ.1053, 3.4.2.5.
 
     Examples
     --------

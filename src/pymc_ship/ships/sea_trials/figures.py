@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.records.steering.measured import align_to_first_execute, denoise_motion
+from pymc_ship.ships.forecasting.figures import legend_above
 from pymc_ship.ships.forecasting.steady_turns import draw_curve
 from pymc_ship.ships.sea_trials.corrections import without_current
 from pymc_ship.ships.sea_trials.current import DriftCurrent
@@ -23,23 +24,18 @@ def circles(trials: Mapping[str, xr.Dataset], currents: Mapping[str, DriftCurren
     """Tracks of turning circles from the execution on [L], as measured and without current."""
     fig, axes = _grid(len(trials), 3.0)
     for ax, (name, trial) in zip(axes, trials.items(), strict=False):
-        smooth = denoise_motion(trial)
+        smooth, label = denoise_motion(trial), "as measured"
         track = align_to_first_execute(smooth)
         if name in currents:
-            ax.plot(track["y"] / L, track["x"] / L, color=NOISE, label="as measured")
+            ax.plot(track["y"] / L, track["x"] / L, color=NOISE, label=label)
             track = align_to_first_execute(without_current(smooth, currents[name].velocity))
-        ax.plot(
-            track["y"] / L,
-            track["x"] / L,
-            color=BLUE,
-            label="without the current" if name in currents else "as measured",
-        )
+            label = "without the current"
+        ax.plot(track["y"] / L, track["x"] / L, color=BLUE, label=label)
         ax.plot(0.0, 0.0, "o", ms=4, color=RUST, label="rudder put over")
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_title(name, parse_math=False)
-        ax.set_xlabel("transfer to starboard [L]")
-        ax.set_ylabel("advance [L]")
-    _legend(fig, axes)
+        ax.set(xlabel="transfer to starboard [L]", ylabel="advance [L]")
+    legend_above(fig, axes)
     return fig
 
 
@@ -54,9 +50,8 @@ def swings(trials: Mapping[str, xr.Dataset], switching: Mapping[str, float]) -> 
         ax.plot(run["time"], np.rad2deg(run["psi"]), color=BLUE, label="heading")
         ax.plot(run["time"], np.rad2deg(run["delta"]), color=RUST, lw=0.9, label="rudder angle")
         ax.set_title(name, parse_math=False)
-        ax.set_xlabel("time [s]")
-        ax.set_ylabel("angle [deg]")
-    _legend(fig, axes)
+        ax.set(xlabel="time [s]", ylabel="angle [deg]")
+    legend_above(fig, axes)
     return fig
 
 
@@ -77,12 +72,6 @@ def _grid(n: int, height: float) -> tuple[Figure, list]:
     columns = min(n, _COLUMNS)
     rows = -(-n // columns)
     fig, axes = subplots(8.0, height * rows + 0.4, rows, columns)
-    flat = list(axes.ravel())
-    for ax in flat[n:]:
+    for ax in axes.flat[n:]:
         ax.set_axis_off()
-    return fig, flat
-
-
-def _legend(fig: Figure, axes: list) -> None:
-    named = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    fig.legend(named.values(), named, loc="outside upper center", ncols=len(named))
+    return fig, list(axes.flat)

@@ -25,48 +25,33 @@ LINES = (
 ADDITIONAL = (("spiral, width of the loop", SPIRAL, "loop_width"),)
 """Lines of manoeuvres that the circular recommends for unstable ships alone."""
 
-SIDES = ("port", "starboard")
-"""Columns of the manoeuvring data."""
+SIDES = ("port", "starboard")  # columns of the manoeuvring data
+_CONFORMITIES = ("not met", "not met as measured", "open", "met as measured", "met")  # least favourable first
 
 
 def ship_rows(vessel: Vessel, loaded: Vessel | None, conditions: Conditions, wind: float) -> list[dict]:
-    """Ship data, at full load where it is known, and trial data.
+    """Rows ``item`` and ``value`` of the ship data, at full load where it is known, and of the trial data.
 
-    Parameters
-    ----------
-    vessel, loaded : Vessel
-        At the trial, and at full load (or None).
-    conditions : Conditions
-    wind : float
-        Largest mean wind speed of a run [m/s], NaN where none is known.
-
-    Returns
-    -------
-    list of dict
-        ``item`` and ``value``.
+    ``vessel`` is at the draught of the trial; ``wind`` is the largest mean wind speed of a run [m/s] or NaN.
     """
-    form, full = conditions.form, loaded or vessel
+    full = loaded or vessel
     s, d = full.particulars, full.particulars.d or np.nan
     area = full.rudder.area / (s.L * d) if full.rudder else np.nan
-    trim = conditions.aft - conditions.fore
     draught = conditions.draught(vessel)
+
+    def texts(*keys: str) -> dict[str, str]:
+        return {key.replace("_", " "): conditions.form.get(key, NOT_STATED) for key in keys}
+
     values = {
-        "administration": form.get("administration", NOT_STATED),
-        "reference": form.get("reference", NOT_STATED),
-        "date": form.get("date", NOT_STATED),
-        "place": form.get("place", NOT_STATED),
-        "ship type": form.get("ship_type", NOT_STATED),
+        **texts("administration", "reference", "date", "place", "ship_type"),
         "L/V": _text_or_not_stated(s.ship_time, ".1f", " s"),
         "L/B": _text_or_not_stated(s.L / s.B, ".2f"),
         "B/T": _text_or_not_stated(s.B / d, ".2f"),
         "C_B": _text_or_not_stated(s.volume / (s.L * s.B * d), ".3f"),
-        "rudder type": form.get("rudder_type", NOT_STATED),
+        **texts("rudder_type"),
         "total rudder area over L T": _text_or_not_stated(100.0 * area, ".2f", " %"),
-        "number of rudders": form.get("number_of_rudders", NOT_STATED),
-        "propeller type": form.get("propeller_type", NOT_STATED),
-        "number of propellers": form.get("number_of_propellers", NOT_STATED),
-        "engine type": form.get("engine_type", NOT_STATED),
-        "trim": _text_or_not_stated(trim, ".2f", " m by the stern"),
+        **texts("number_of_rudders", "propeller_type", "number_of_propellers", "engine_type"),
+        "trim": _text_or_not_stated(conditions.aft - conditions.fore, ".2f", " m by the stern"),
         "water depth over trial draught": _text_or_not_stated(conditions.water_depth / draught, ".1f"),
         "wind": f"Beaufort {beaufort(wind)}" if np.isfinite(wind) else NOT_STATED,
         "sea state": _text_or_not_stated(conditions.sea_state, ".0f"),
@@ -84,26 +69,15 @@ def _loading(draught: float, full: float, *, corrected: bool) -> str:
         return "tested at partial load and corrected"
     if not np.isfinite(draught / full):
         return NOT_STATED
-    return (
-        "tested at full load"
-        if abs(draught / full - 1.0) <= DRAUGHT_TOLERANCE
-        else "tested at partial load, not corrected"
-    )
+    is_full = abs(draught / full - 1.0) <= DRAUGHT_TOLERANCE
+    return "tested at full load" if is_full else "tested at partial load, not corrected"
 
 
 def form_rows(rows: Sequence[Mapping]) -> list[dict]:
-    """Manoeuvring data: each line of the form with the least favourable run to either side.
+    """Manoeuvring data: each line of the form with the least favourable run to either side, and its conformity.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Indices of the runs: ``manoeuvre``, ``side``, ``index``, ``corrected``, ``U``, ``runs``, ``units``, ``limit``,
-        ``conformity``.
-
-    Returns
-    -------
-    list of dict
-        ``item``, ``port``, ``starboard``, ``criterion`` and ``conformity``, that of the less favourable side.
+    ``rows`` are those of :func:`.uncertainty_budget`; rows of the form are ``item``, ``port``, ``starboard``,
+    ``criterion`` and ``conformity``.
     """
     lines = []
     for item, manoeuvre, index in (*LINES, *ADDITIONAL):
@@ -112,27 +86,20 @@ def form_rows(rows: Sequence[Mapping]) -> list[dict]:
             continue
         cells = {side: _least_favourable([row for row in runs if row["side"] in (side, "")], index) for side in SIDES}
         index_runs = [row for row in runs if row["index"] == index]
-        lines.append(
-            {
-                "item": item,
-                **cells,
-                "criterion": _criterion(manoeuvre, index_runs),
-                "conformity": _least_conformity({row["conformity"] for row in index_runs}),
-            }
-        )
+        conformities = {row["conformity"] for row in index_runs}
+        conformity = next((conformity for conformity in _CONFORMITIES if conformity in conformities), "")
+        lines.append({"item": item, **cells, "criterion": _criterion(manoeuvre, index_runs), "conformity": conformity})
     return lines
 
 
 def _least_favourable(rows: Sequence[Mapping], index: str) -> str:
-    """Least favourable value of an index over runs to one side."""
+    """Least favourable value of an index over runs to one side, with its expanded uncertainty."""
     if not rows:
         return "not run"
     index_runs = [row for row in rows if row["index"] == index]
-    return _cell(max(index_runs, key=lambda row: row["corrected"])) if index_runs else "not measured"
-
-
-def _cell(row: Mapping) -> str:
-    """Value and expanded uncertainty."""
+    if not index_runs:
+        return "not measured"
+    row = max(index_runs, key=lambda run: run["corrected"])
     decimals = 1 if row["units"] == "deg" else 2
     if not np.isfinite(row["corrected"]):
         return "not reached"
@@ -145,9 +112,3 @@ def _criterion(manoeuvre: str, rows: Sequence[Mapping]) -> str:
     if manoeuvre == LABEL:
         return f"{LIMIT:g} to {LARGE:g} L"
     return f"{rows[0]['limit']:.3g} {rows[0]['units']}" if rows else ""
-
-
-def _least_conformity(conformities: set[str]) -> str:
-    """Least favourable conformity; empty for none."""
-    order = ("not met", "not met as measured", "open", "met as measured", "met")
-    return next((conformity for conformity in order if conformity in conformities), "")

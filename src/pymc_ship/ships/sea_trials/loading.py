@@ -17,25 +17,9 @@ _SAME = 0.05  # largest relative difference in L of one ship
 
 
 def at_loading(model: Vessel, rows: np.ndarray, tried: Vessel, loaded: Vessel) -> tuple[Vessel, np.ndarray]:
-    """Vessel and draws of a modular model at another loading.
+    """Vessel and draws (n_draws, n_coefficients) of a modular model, identified at the draught ``tried``, at another.
 
-    Parameters
-    ----------
-    model : Vessel
-        Parts and steering gear as identified.
-    rows : ndarray, shape (n_draws, n_coefficients)
-    tried, loaded : Vessel
-        Vessel at both draughts.
-
-    Returns
-    -------
-    Vessel
-    ndarray, shape (n_draws, n_coefficients)
-
-    Raises
-    ------
-    TrialError
-        For vessels of different ships.
+    TrialError for vessels of different ships.
     """
     if not np.isclose(tried.particulars.L, loaded.particulars.L, rtol=_SAME):
         raise TrialError(
@@ -54,6 +38,6 @@ def _with_parts_of(model: Vessel, vessel: Vessel) -> Vessel:
     gear = {name: getattr(model.particulars, name) for name in ("rudder_rate_deg", "rudder_delay")}
     bare = replace(vessel, particulars=replace(vessel.particulars, **gear), forces=dict.fromkeys(model.forces, ()))
     names = {c.name for c in model.parameters}
-    given_parameters = {c.name: c for c in vessel.parameters if c.name in names}
+    file_parameters = {c.name: c for c in vessel.parameters if c.name in names}
     fixed = [c.name for c in model.parameters if c.sd <= FIXED_SD]
-    return with_parts(replace(bare, parts=(), parameters=()), model.parts, given_parameters, fixed)
+    return with_parts(replace(bare, parts=(), parameters=()), model.parts, file_parameters, fixed)

@@ -8,14 +8,10 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.records.steering.measured import denoise_motion
+from pymc_ship.ships.forecasting.steady_turns import SPIRAL_INDICES
 from pymc_ship.ships.sea_trials.uncertainty import PARTS
 
-LABEL = "spiral test"
-"""Name of the manoeuvre."""
-
-INDICES = {"loop_width": "deg", "residual_rate_starboard": "deg/s", "residual_rate_port": "deg/s"}
-"""Indices of the test and their units, as of :func:`pymc_ship.ships.forecasting.steady_turns.spiral_indices`."""
-
+LABEL = "spiral test"  # name of the manoeuvre
 _CHANNELS = ("u", "v", "r", "psi", "delta")
 _LASTS = 2.0  # least duration of a steady turn [L/U]
 _STEADY = 0.02  # largest deviation of a steady rate, over the largest rate
@@ -31,7 +27,7 @@ def measured_spiral(trial: xr.Dataset, ship_time: float) -> xr.Dataset | None:
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        u, v, r, psi and delta; the motion is denoised first.
+        u, v, r, psi and delta.
     ship_time : float
         L/U [s].
 
@@ -61,30 +57,17 @@ def measured_spiral(trial: xr.Dataset, ship_time: float) -> xr.Dataset | None:
     sweeps = np.count_nonzero(np.diff(changes)) < _MOST_SWEEPS
     if len(_distinct_angles(angles)) < _LEAST_ANGLES or not sweeps or rates.min() > -straight or rates.max() < straight:
         return None
-    values = {"time": when, "delta": angles, "r": rates}
-    units = {"time": "s", "delta": "deg", "r": "deg/s"}
-    channels = {name: ("turn", row, {"units": units[name]}) for name, row in values.items()}
+    values = (("time", when, "s"), ("delta", angles, "deg"), ("r", rates, "deg/s"))
+    channels = {name: ("turn", row, {"units": unit}) for name, row, unit in values}
     return xr.Dataset(channels, attrs={"direct": is_direct, "straight": straight})
 
 
 def spiral_rows(turns: xr.Dataset, limit: float) -> list[dict]:
-    """Indices of a spiral test, with the uncertainty from the spacing of the rudder angles.
+    """Indices of :func:`measured_spiral`, rows for :func:`.uncertainty_budget`; ``limit`` of the loop's width [deg].
 
     A fold of the curve is between two neighbouring rudder angles of a direct spiral: the loop's width is the middle of
-    the possible ones, all equally probable. A reverse spiral has no such uncertainty.
-
-    Parameters
-    ----------
-    turns : Dataset, dims (turn,)
-        From :func:`measured_spiral`.
-    limit : float
-        Largest acceptable width of the loop [deg].
-
-    Returns
-    -------
-    list of dict
-        Rows for :func:`pymc_ship.ships.sea_trials.uncertainty.uncertainty_budget`. A residual rate is that of the
-        branch at the middle of the loop, NaN without turns on both sides of it.
+    the possible ones, all equally probable. A reverse spiral has no such uncertainty. A residual rate is that of the
+    branch at the middle of the loop, NaN without turns on both sides of it.
     """
     delta, r, straight = turns["delta"].values, turns["r"].values, turns.attrs["straight"]
     starboard, port = r > straight, r < -straight
@@ -104,11 +87,10 @@ def spiral_rows(turns: xr.Dataset, limit: float) -> list[dict]:
         values[name] = float(outer) if width >= 0.0 else 0.0
     deviations = np.linspace(narrow, wide, _N_WIDTHS) - values["loop_width"] if is_bounded else np.full(1, np.nan)
     rows = []
-    for name, units in INDICES.items():
+    for name, units in SPIRAL_INDICES.items():
         row = {"manoeuvre": LABEL, "side": "", "index": name, "units": units, "ratio": 1.0, "limit": np.nan}
-        row |= dict.fromkeys(("raw", "without_current", "corrected"), values[name]) | dict.fromkeys(
-            PARTS, np.full(1, np.nan)
-        )
+        row |= dict.fromkeys(("raw", "without_current", "corrected"), values[name])
+        row |= dict.fromkeys(PARTS, np.full(1, np.nan))
         if name == "loop_width":
             row |= dict.fromkeys(PARTS, np.zeros(1)) | {"u_record": deviations, "limit": limit}
         rows.append(row)

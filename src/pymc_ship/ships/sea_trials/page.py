@@ -8,18 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
+from pymc_ship.pages.tables import Table, fixed_point, heads, number, table
 from pymc_ship.ships.sea_trials.current import DriftCurrent
 from pymc_ship.ships.sea_trials.figures import circles, spirals, swings
 from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
 
-PAGE = Page(
+PAGE = Page(  # its folder may hold the page of an identification, too
     "sea_trial.html",
     Path(__file__).with_name("page.html.j2"),
     own=("figures/sea_trial_*.png", "tables/sea_trial_*.csv"),
     packages=("pymc-ship", "numpy", "scipy", "pywavelets", "xarray", "matplotlib"),
 )
-"""Page of a sea trial; its folder may hold that of an identification, too."""
 
 SOURCES = (
     "IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76).",
@@ -27,7 +26,7 @@ SOURCES = (
     "JCGM 100:2008, Evaluation of measurement data: guide to the expression of uncertainty in measurement.",
 )
 
-_INDEX = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "units": ("", str)}
+_INDEX = heads(str, run="run", manoeuvre="manoeuvre", index="index", units="")
 
 
 def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship.trial_report(...)") -> Path:
@@ -60,33 +59,29 @@ def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship
     >>> print(ps.trial_report(ps.sea_trial({"circle": circle}, vessel, rng=1), "report").name)
     sea_trial.html
     """
-    three = number(3)
-    values = {
-        "raw": ("as measured", three),
-        "without_current": ("less current", three),
-        "ratio": ("F / B", fixed_point(3)),
-    }
-    values |= {"corrected": ("corrected", three), "U": ("U = 2 u_c", number(2))}
-    values |= {"lower": ("95 % from", three), "upper": ("to", three), "limit": ("limit", three)}
-    parts = {"u_record": "record", "u_current": "current", "u_model": "model", "u_runs": "runs", "u_c": "u_c"}
+    values = heads(number(3), raw="as measured", without_current="less current") | heads(fixed_point(3), ratio="F / B")
+    values |= heads(number(3), corrected="corrected") | heads(number(2), U="U = 2 u_c")
+    values |= heads(number(3), lower="95 % from", upper="to", limit="limit") | heads(str, conformity="conformity")
+    parts = heads(number(2), u_record="record", u_current="current", u_model="model", u_runs="runs", u_c="u_c")
     flows = _flows(result.currents)
+    flow_heads = heads(str, run="run") | heads(fixed_point(3), speed="speed [m/s]")
+    flow_heads |= heads(fixed_point(0), direction="to [deg]")
+    flow_heads |= heads(fixed_point(3), u_north="u, north [m/s]", u_east="u, east [m/s]") | heads(str, pairs="pairs")
     index_rows = [row | {"index": row["index"].replace("_", " ")} for row in result.indices]
+    form_keys = ("item", "port", "starboard", "criterion", "conformity")
+    condition_keys = ("condition", "found", "limit", "conformity")
     content = {
         "vessel": result.vessel,
         "command": command,
         "remarks": result.remarks,
         "lines": [row for row in result.form if row["conformity"]],
         "tables": {
-            "ship": table(result.ship_data, {"item": ("item", str), "value": ("", str)}),
-            "form": table(
-                result.form, {key: (key, str) for key in ("item", "port", "starboard", "criterion", "conformity")}
-            ),
-            "conditions": table(
-                result.conditions, {key: (key, str) for key in ("condition", "found", "limit", "conformity")}
-            ),
-            "indices": table(index_rows, _INDEX | values | {"conformity": ("conformity", str)}),
-            "parts": table(index_rows, _INDEX | {key: (head, number(2)) for key, head in parts.items()}),
-            "currents": _currents_table(flows),
+            "ship": table(result.ship_data, heads(str, item="item", value="")),
+            "form": table(result.form, {key: (key, str) for key in form_keys}),
+            "conditions": table(result.conditions, {key: (key, str) for key in condition_keys}),
+            "indices": table(index_rows, _INDEX | values),
+            "parts": table(index_rows, _INDEX | parts),
+            "currents": table(flows, flow_heads),
             "winds": _winds_table(result.winds),
         },
     }
@@ -120,22 +115,9 @@ def _flows(currents: Mapping[str, DriftCurrent]) -> list[dict]:
     ]
 
 
-def _currents_table(flows: list[dict]) -> Table:
-    heads: Columns = {
-        "run": ("run", str),
-        "speed": ("speed [m/s]", fixed_point(3)),
-        "direction": ("to [deg]", fixed_point(0)),
-    }
-    heads |= {
-        "u_north": ("u, north [m/s]", fixed_point(3)),
-        "u_east": ("u, east [m/s]", fixed_point(3)),
-        "pairs": ("pairs", str),
-    }
-    return table(flows, heads)
-
-
 def _winds_table(winds: Mapping[str, tuple[float, float]]) -> Table:
-    rows = [{"run": name, "speed": speed, "from": np.mod(come, 360.0)} for name, (speed, come) in winds.items()]
-    return table(
-        rows, {"run": ("run", str), "speed": ("speed [m/s]", fixed_point(1)), "from": ("from [deg]", fixed_point(0))}
-    )
+    rows = [
+        {"run": name, "speed": speed, "origin": np.mod(direction, 360.0)} for name, (speed, direction) in winds.items()
+    ]
+    columns = heads(str, run="run") | heads(fixed_point(1), speed="speed [m/s]")
+    return table(rows, columns | heads(fixed_point(0), origin="from [deg]"))

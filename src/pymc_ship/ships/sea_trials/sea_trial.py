@@ -37,29 +37,16 @@ class SeaTrial:
 
     Attributes
     ----------
-    trials : dict of str to Dataset
-        Records by name.
-    vessel : Vessel
-        At the draught of the trial.
-    manoeuvres : dict of str to Manoeuvre
-        Recognised manoeuvres, by the name of the run.
-    indices : list of dict
-        Rows of :func:`.uncertainty_budget` with ``run``, ``manoeuvre`` and ``side``; stopping and spiral tests are not
-        corrected and have an empty side.
-    currents : dict of str to DriftCurrent
-        Current of each corrected run.
-    winds : dict of str to (float, float)
-        Speed [m/s] and direction of origin [deg] of the mean true wind, by run.
-    conditions : list of dict
-        Rows of :func:`.condition_rows`.
-    ship_data, form : list of dict
-        Rows of :func:`.ship_rows` and :func:`.form_rows`.
-    spirals : dict of str to Dataset
-        Steady turns of each spiral test, from :func:`.measured_spiral`.
-    turns : Dataset or None
-        Steady turns of the identified ship, from :func:`pymc_ship.steady_turns`.
-    remarks : tuple of str
-        Runs left out and corrections not made, with the reason.
+    trials : dict of str to Dataset; records by name
+    vessel : Vessel; at the draught of the trial
+    manoeuvres : dict of str to Manoeuvre; recognised manoeuvres, by the name of the run
+    indices : list of dict; rows of :func:`.uncertainty_budget` with ``run``; stopping and spiral tests have no side
+    currents : dict of str to DriftCurrent; current of each corrected run
+    winds : dict of str to (float, float); speed [m/s] and direction of origin [deg] of the mean true wind, by run
+    conditions, ship_data, form : list of dict; rows of :func:`.condition_rows`, :func:`.ship_rows`, :func:`.form_rows`
+    spirals : dict of str to Dataset; steady turns of each spiral test, from :func:`.measured_spiral`
+    turns : Dataset or None; steady turns of the identified ship, from :func:`pymc_ship.steady_turns`
+    remarks : tuple of str; runs left out and corrections not made, with the reason
     """
 
     trials: dict[str, xr.Dataset]
@@ -117,10 +104,6 @@ def sea_trial(
         For unreadable conditions, no standard manoeuvre, another loading without a modular model, or a record without
         u, r, psi or delta.
 
-    References
-    ----------
-    IMO (2002), Explanatory notes to the standards for ship manoeuvrability, MSC/Circ.1053.
-
     Examples
     --------
     A turning circle, which gives the current, and a zigzag:
@@ -135,14 +118,15 @@ def sea_trial(
     2.91 L, without the current 3.61 L, limit 5 L
     """
     rng, vessel, trial_conditions = random_generator(rng), as_vessel(vessel), load_conditions(conditions)
-    records = _by_name(trials)
+    by_name = isinstance(trials, Mapping)
+    records = dict(trials) if by_name else {str(k): trial for k, trial in enumerate(trial_list(trials), start=1)}
     loaded = None if full_load is None else as_vessel(full_load)
     recognised, facilities = recognise_by_facility(list(records.values()), vessel)
     manoeuvres = {name: kind for name, kind in zip(records, recognised, strict=True) if kind is not None}
-    stops = {name: measured_stopping(trial) for name, trial in records.items() if name not in manoeuvres}
-    stops = {name: stop for name, stop in stops.items() if stop}
+    others = [name for name in records if name not in manoeuvres]
+    stops = {name: stop for name in others if (stop := measured_stopping(records[name]))}
     ship_time = vessel.particulars.ship_time
-    others = [name for name in records if name not in manoeuvres and name not in stops]
+    others = [name for name in others if name not in stops]
     spirals = {name: turns for name in others if (turns := measured_spiral(records[name], ship_time)) is not None}
     if not manoeuvres and not stops and not spirals:
         raise TrialError(f"No run is of a standard manoeuvre. {unrecognised_text(next(iter(records.values())))}")
@@ -186,12 +170,6 @@ def sea_trial(
     )
 
 
-def _by_name(trials: Mapping[str, xr.Dataset] | Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
-    if isinstance(trials, Mapping):
-        return dict(trials)
-    return {str(k + 1): trial for k, trial in enumerate(trial_list(trials))}
-
-
 def _currents(
     trials: Mapping[str, xr.Dataset],
     manoeuvres: Mapping[str, Manoeuvre],
@@ -204,10 +182,9 @@ def _currents(
         if manoeuvre.traits.circles:
             try:
                 current = drift_current(trials[name])
-                wind = winds.get(name)
-                currents[name] = (
-                    current if wind is None else subtract_wind_drift(current, trials[name], manoeuvre, wind, model)
-                )
+                if name in winds:
+                    current = subtract_wind_drift(current, trials[name], manoeuvre, winds[name], model)
+                currents[name] = current
             except TrialError as error:
                 remarks.append(f"{name} gives no current: {error}")
     if not currents:

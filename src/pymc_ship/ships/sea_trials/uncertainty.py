@@ -11,9 +11,7 @@ import numpy as np
 
 from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY
 
-PARTS = ("u_record", "u_current", "u_model")
-"""Parts of the standard uncertainty that are given as draws."""
-
+PARTS = ("u_record", "u_current", "u_model")  # parts of the standard uncertainty that are given as draws
 _DRAWS = 2000
 _TAILS = (0.025, 0.975)
 
@@ -32,16 +30,13 @@ def uncertainty_budget(rows: Sequence[dict], rng: np.random.Generator) -> list[d
     -------
     list of dict
         With the sd of each part, ``u_runs``, the scatter of repeated runs (NaN for a single one), ``runs``, their
-        number, ``u_c``, the root of the sum of squares, ``U`` = 2 u_c, the 95 % interval ``lower`` to ``upper`` (all
-        NaN where a part is unknown) and ``conformity``, empty without a limit.
+        number, ``u_c``, the root of the sum of squares, ``U`` = 2 u_c, the 95 % interval ``lower`` to ``upper`` (NaN
+        where a part is unknown) and ``conformity``, empty without a limit.
     """
     budget = []
     for row in rows:
-        repeated = [
-            other["corrected"]
-            for other in rows
-            if (other["manoeuvre"], other["index"]) == (row["manoeuvre"], row["index"])
-        ]
+        same = [other for other in rows if all(other[key] == row[key] for key in ("manoeuvre", "index"))]
+        repeated = [other["corrected"] for other in same]
         u_runs = float(np.std(repeated, ddof=1)) if len(repeated) > 1 else np.nan
         scatter = float(np.nan_to_num(u_runs))
         sds = {name: float(np.std(row[name])) for name in PARTS}
@@ -49,15 +44,8 @@ def uncertainty_budget(rows: Sequence[dict], rng: np.random.Generator) -> list[d
         draws = row["corrected"] + sum(rng.choice(row[name], _DRAWS) for name in PARTS)
         draws = draws + scatter * rng.standard_normal(_DRAWS)
         lower, upper = np.quantile(draws, _TAILS).tolist()
-        columns = {
-            **sds,
-            "u_runs": u_runs,
-            "runs": len(repeated),
-            "u_c": u_c,
-            "U": 2.0 * u_c,
-            "lower": lower,
-            "upper": upper,
-        }
+        columns = sds | {"u_runs": u_runs, "runs": len(repeated), "u_c": u_c, "U": 2.0 * u_c}
+        columns |= {"lower": lower, "upper": upper}
         budget.append(row | columns | {"conformity": conformity(row["corrected"], draws, row["limit"])})
     return budget
 
@@ -69,10 +57,6 @@ def conformity(value: float, draws: np.ndarray, limit: float) -> str:
     if not np.isfinite(draws).all():
         return f"{'met' if value <= limit else 'not met'} as measured"
     probability = float(np.mean(draws <= limit))
-    return (
-        "met"
-        if probability >= CONFORMANCE_PROBABILITY
-        else "not met"
-        if probability <= 1.0 - CONFORMANCE_PROBABILITY
-        else "open"
-    )
+    if probability >= CONFORMANCE_PROBABILITY:
+        return "met"
+    return "not met" if probability <= 1.0 - CONFORMANCE_PROBABILITY else "open"
