@@ -124,8 +124,8 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
     are the approach speeds of the runs [m/s].
     """
     draught = conditions.draught(vessel)
-    depth = conditions.water_depth / draught
-    slowest = min(speeds.values(), default=math.nan)
+    depth, depth_limit = conditions.water_depth / draught, f"above {MIN_DEPTH_RATIO:g}"
+    slowest, speed_limit = min(speeds.values(), default=math.nan), f"from {100.0 * MIN_SPEED_RATIO:g} %"
     sea = conditions.sea_state
     wind_text = f"Beaufort {beaufort(wind)} ({wind:.1f} m/s)" if np.isfinite(wind) else ""
     number = beaufort(wind) if np.isfinite(wind) else math.nan
@@ -134,16 +134,18 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
     off_draught = abs(draught / conditions.full_load - 1.0)
     ratio = slowest / conditions.speed_at_85_percent
     speed_text = f"{slowest:.2f} m/s, {100.0 * ratio:.0f} % of that at 85 % output"
-    rows = (
-        ("water depth over mean draught", f"{depth:.1f}", f"above {MIN_DEPTH_RATIO:g}", depth, depth > MIN_DEPTH_RATIO),
-        ("wind", wind_text, f"up to Beaufort {MAX_BEAUFORT}", number, number <= MAX_BEAUFORT),
-        ("sea state", f"{sea:g}", f"up to {MAX_SEA_STATE}", sea, sea <= MAX_SEA_STATE),
-        ("mean draught", draught_text, draught_limit, off_draught, off_draught <= DRAUGHT_TOLERANCE),
-        ("slowest approach speed", speed_text, f"from {100.0 * MIN_SPEED_RATIO:g} %", ratio, ratio >= MIN_SPEED_RATIO),
-    )
     return [
-        {"condition": condition, "found": text, "limit": limit, "conformity": "met" if met else "not met"}
-        if np.isfinite(value)
-        else {"condition": condition, "found": NOT_STATED, "limit": limit, "conformity": NOT_STATED}
-        for condition, text, limit, value, met in rows
+        _row("water depth over mean draught", f"{depth:.1f}", depth_limit, depth, depth > MIN_DEPTH_RATIO),
+        _row("wind", wind_text, f"up to Beaufort {MAX_BEAUFORT}", number, number <= MAX_BEAUFORT),
+        _row("sea state", f"{sea:g}", f"up to {MAX_SEA_STATE}", sea, sea <= MAX_SEA_STATE),
+        _row("mean draught", draught_text, draught_limit, off_draught, off_draught <= DRAUGHT_TOLERANCE),
+        _row("slowest approach speed", speed_text, speed_limit, ratio, ratio >= MIN_SPEED_RATIO),
     ]
+
+
+def _row(condition: str, text: str, limit: str, value: float, met: bool) -> dict:
+    """Row of a condition; NaN is a value not stated."""
+    conformity = "met" if met else "not met"
+    if not np.isfinite(value):
+        text = conformity = NOT_STATED
+    return {"condition": condition, "found": text, "limit": limit, "conformity": conformity}
