@@ -1,14 +1,13 @@
-"""Formulae of forces in Python, traced to programs.
+"""Formulae of forces in Python: called with :class:`Expression` symbols, their operations become a program.
 
-A formula is called with :class:`Expression` symbols; the recorded operations become a
-:class:`pymc_ship.physics.forces.programs.Program`, so that derivatives need no code and formulae no compilation.
+Derivatives need no code then, and formulae no compilation (:mod:`pymc_ship.physics.forces.programs`).
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -89,24 +88,12 @@ class Expression:
         return self.trace.record(ABSOLUTE, self)
 
 
-def root(x: Expression) -> Expression:
-    """Square root of a positive quantity."""
-    return x.trace.record(ROOT, x)
+def _function(operation: int) -> Callable[[Expression], Expression]:
+    return lambda x: x.trace.record(operation, x)
 
 
-def exp(x: Expression) -> Expression:
-    """Exponential."""
-    return x.trace.record(EXPONENTIAL, x)
-
-
-def sin(x: Expression) -> Expression:
-    """Sine of an angle [rad]."""
-    return x.trace.record(SINE, x)
-
-
-def cos(x: Expression) -> Expression:
-    """Cosine of an angle [rad]."""
-    return x.trace.record(COSINE, x)
+root, exp, sin, cos, ramp, step = map(_function, (ROOT, EXPONENTIAL, SINE, COSINE, RAMP, STEP))
+"""Square root of a positive x, exponential, sine and cosine of x [rad], the larger of x and 0, 1 where x > 0 else 0."""
 
 
 def arctan2(y: Expression, x: Expression) -> Expression:
@@ -114,26 +101,8 @@ def arctan2(y: Expression, x: Expression) -> Expression:
     return y.trace.record(ARC_TANGENT, y, x)
 
 
-def ramp(x: Expression) -> Expression:
-    """The larger of x and 0."""
-    return x.trace.record(RAMP, x)
-
-
-def step(x: Expression) -> Expression:
-    """1 where x > 0, 0 elsewhere; its derivative is 0."""
-    return x.trace.record(STEP, x)
-
-
 class Trace:
-    """Operations recorded while formulae are evaluated on symbols.
-
-    Parameters
-    ----------
-    inputs : sequence of str
-        Names of the quantities that vary in time.
-    parameters : sequence of str
-        Names of the constants.
-    """
+    """Operations of formulae on symbols: named ``inputs``, which vary in time, and constant ``parameters``."""
 
     def __init__(self, inputs: Sequence[str], parameters: Sequence[str]) -> None:
         self._known: dict[tuple[Any, ...], int] = {}
@@ -189,17 +158,16 @@ class Trace:
         lowered = self._multiply_add_form(
             [node for node in every if not isinstance(self._nodes[node][0], str)], outputs
         )
-        static, moving = ([node for node in lowered if self._moves[node] == moves] for moves in (False, True))
-        order = _schedule({node: lowered[node] for node in static}) + _schedule(
-            {node: lowered[node] for node in moving}
+        static, moving = (
+            _schedule({node: row for node, row in lowered.items() if self._moves[node] == moves})
+            for moves in (False, True)
         )
+        order = static + moving
         operands = {operand for operation in lowered.values() for operand in operation[1:]}
         constants = [node for node in sorted({*operands, *outputs}) if self._nodes[node][0] == "constant"]
         leaves = [expression.node for expression in (*self.inputs.values(), *self.parameters.values())]
         row = {node: k for k, node in enumerate((*leaves, *constants, *order))}
-        needed = np.zeros((len(outputs), len(order)), dtype=bool)
-        for result, nodes in enumerate(dependencies):
-            needed[result] = [node in nodes for node in order]
+        needed = np.array([[node in nodes for node in order] for nodes in dependencies], dtype=bool)
         kinds = np.array([lowered[node][0] for node in order], dtype=np.int64)
         left, right, added = (
             np.array([row[lowered[node][side]] for node in order], dtype=np.uint32).reshape(-1) for side in (1, 2, 3)
@@ -211,7 +179,7 @@ class Trace:
             added=added,
             constants=np.array([self._nodes[node][1] for node in constants], dtype=float),
             results=np.array([row[node] for node in outputs], dtype=np.int64),
-            needed=needed,
+            needed=needed.reshape(len(outputs), len(order)),
             n_inputs=len(self.inputs),
             n_parameters=len(self.parameters),
             n_static=len(static),
@@ -219,10 +187,7 @@ class Trace:
         )
 
     def _multiply_add_form(self, nodes: Sequence[int], outputs: Sequence[int]) -> dict[int, tuple[int, int, int, int]]:
-        """Operation, left, right and added node by node; sums and products have the form left * right + added.
-
-        A product with one use, in a sum, is merged with that sum.
-        """
+        """Operation, left, right and added by node; a product with one use, in a sum, is merged with that sum."""
         zero, one, minus_one = (self.constant(value).node for value in (0.0, 1.0, -1.0))
         uses = Counter([*outputs, *(operand for node in nodes for operand in self._nodes[node][1:])])
         lowered: dict[int, tuple[int, int, int, int]] = {}

@@ -1,8 +1,4 @@
-"""Forces of the water on the hull, as three parts.
-
-The polynomials of the MMG standard method, for ahead speeds; resistance, lift and cross-flow drag, for all speeds; and
-roll: righting and damping moments, and the levers of the forces of hull and rudder.
-"""
+"""Forces of the water on the hull as parts: MMG polynomials ahead, lift and cross-flow drag at any speed, roll."""
 
 from __future__ import annotations
 
@@ -23,10 +19,7 @@ _NODES, _WEIGHTS = leggauss(10)  # of the integral of the cross flow over the le
 
 
 def nominal_resistance(ship: Ship) -> tuple[float, float, str]:
-    """Resistance at the nominal speed, equal to the thrust (1 - t) T: value, sd and source.
-
-    From the open-water curve of a known propeller, otherwise from the wetted surface of Denny and Mumford.
-    """
+    """Resistance at the nominal speed, equal to the thrust (1 - t) T: value, sd and source."""
     if ship.propeller_known:
         t, J = thrust_deduction(ship), (1.0 - ship.wake) * ship.J
         K_T = ship.k_0 + ship.k_1 * J + ship.k_2 * J * J
@@ -110,7 +103,7 @@ SWAY_CENTRE = "z_Y"
 def _heeling(ship: Ship) -> tuple[Parameter, ...]:
     height = ship.d / ship.L
     damping = 2.0 * 0.05 * (_stiffness(ship) * ship.GM * (ship.I_xx - ship.added_mass.Kpdot)) ** 0.5
-    judged = "by judgement"
+    judged, half = "by judgement", "half the draught below the origin, by judgement"
     spread = (0.1 * ship.GM, "vessel file") if ship.GM_known else (0.5 * ship.GM, "usual ships")
     depth, source = 0.6 * height, f"0.6 of the draught below the origin, {judged}"
     if ship.added_mass.Ypdot:
@@ -121,8 +114,8 @@ def _heeling(ship: Ship) -> tuple[Parameter, ...]:
         Parameter("Kp", -damping, 0.5 * damping, f"5 % of the critical damping, {judged}"),
         Parameter("Kp|p|", -damping, damping, f"as large at a rate of U/L, {judged}"),
         Parameter(SWAY_CENTRE, depth, 0.2 * height, source, "L"),
-        Parameter("z_H", 0.5 * height, 0.3 * height, f"half the draught below the origin, {judged}", "L"),
-        Parameter("z_R", 0.5 * height, 0.3 * height, f"half the draught below the origin, {judged}", "L"),
+        Parameter("z_H", 0.5 * height, 0.3 * height, half, "L"),
+        Parameter("z_R", 0.5 * height, 0.3 * height, half, "L"),
         Parameter("Yphi", 0.0, 2e-4, f"none, {judged}"),
         Parameter("Nphi", 0.0, 1e-4, f"none, {judged}"),
     )

@@ -1,13 +1,7 @@
 """Priors of hull and rudder coefficients from captive tests of other ships and from cross-flow drag.
 
-Yoshimura & Masumoto (2012), Hydrodynamic database and manoeuvring prediction method with medium high-speed merchant
-ships and fishing vessels, Proc. MARSIM, fitted the forces on bare hulls about midship, X', Y', N' over rho/2 L d U^2
-(N' by L more) as polynomials of drift angle and yaw rate, with coefficients from C_B, L/B and d/L. The formulae are
-those of published codes, which agree with each other except for Nvrr.
-
-Terms in squares are those of cross-flow drag by strips, -rho/2 d C_D (v + x r)|v + x r| (Faltinsen 1990, Sea Loads on
-Ships and Offshore Structures, section 6), to first order in r for large v and in v for large r. The normal force of a
-rudder grows faster than the sine of its angle, and a single screw makes flow straightening differ by side.
+Yoshimura & Masumoto (2012), Proc. MARSIM: bare hulls about midship, over rho/2 L d U^2, from C_B, L/B and d/L.
+Faltinsen (1990), Sea Loads on Ships and Offshore Structures, section 6: strips, -rho/2 d C_D (v + x r)|v + x r|.
 """
 
 from __future__ import annotations
@@ -47,25 +41,6 @@ _RUDDER = {"Y": 0.066, "N": -0.033}
 _BY_RUDDER = {"|r|": (0.0, 0.2), "sincos|delta|": CONVEXITY}
 """Mean and standard deviation over :data:`_RUDDER`; the convexity is that of the part rudder."""
 
-_SD = {
-    "Xvv": 0.06,
-    "Xvr": 0.10,
-    "Xrr": 0.03,
-    "Yv": 0.12,
-    "Yr": 0.04,
-    "Yvvv": 0.7,
-    "Yvvr": 0.6,
-    "Yvrr": 0.3,
-    "Yrrr": 0.05,
-    "Nv": 0.03,
-    "Nr": 0.015,
-    "Nvvv": 0.15,
-    "Nvvr": 0.25,
-    "Nvrr": 0.2,
-    "Nrrr": 0.02,
-}
-"""Standard deviations over rho/2 L d U^2, by judgement; the mean of Nvrr is 0, since codes differ in its sign."""
-
 
 def bare_hull(L: float, B: float, d: float, volume: float) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of the hull's coefficients by name, prime values.
@@ -81,28 +56,29 @@ def bare_hull(L: float, B: float, d: float, volume: float) -> dict[str, tuple[fl
     -------
     dict of str to (float, float)
         Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. They include the
-        added mass of the steady turn (m_y v r, m_x u r).
+        added mass of the steady turn (m_y v r, m_x u r); the sds are by judgement.
     """
     fullness, slender, by_draught = volume / (L**2 * d), L / B, d / L
     block, aspect = fullness * slender, 2.0 * by_draught
-    mean = {
-        "Xvv": 1.15 * fullness - 0.18,
-        "Xvr": 1.91 * fullness - 0.08,
-        "Xrr": -0.085 * fullness + 0.008,
-        "Yv": -(0.5 * math.pi * aspect + 1.4 * fullness),
-        "Yr": 0.5 * fullness,
-        "Yvvv": -(0.185 * slender + 0.48),
-        "Yvvr": -0.75,
-        "Yvrr": -(0.26 * (1.0 - block) * slender + 0.11),
-        "Yrrr": -0.051,
-        "Nv": -aspect,
-        "Nr": -0.54 * aspect + aspect**2,
-        "Nvvv": -(0.66 - 0.69 * block),
-        "Nvvr": 1.55 * fullness - 0.76,
-        "Nvrr": 0.0,
-        "Nrrr": 0.25 * fullness - 0.056,
+    # mean and sd over rho/2 L d U^2; the mean of Nvrr is 0, since codes differ in its sign
+    laws = {
+        "Xvv": (1.15 * fullness - 0.18, 0.06),
+        "Xvr": (1.91 * fullness - 0.08, 0.10),
+        "Xrr": (-0.085 * fullness + 0.008, 0.03),
+        "Yv": (-(0.5 * math.pi * aspect + 1.4 * fullness), 0.12),
+        "Yr": (0.5 * fullness, 0.04),
+        "Yvvv": (-(0.185 * slender + 0.48), 0.7),
+        "Yvvr": (-0.75, 0.6),
+        "Yvrr": (-(0.26 * (1.0 - block) * slender + 0.11), 0.3),
+        "Yrrr": (-0.051, 0.05),
+        "Nv": (-aspect, 0.03),
+        "Nr": (-0.54 * aspect + aspect**2, 0.015),
+        "Nvvv": (-(0.66 - 0.69 * block), 0.15),
+        "Nvvr": (1.55 * fullness - 0.76, 0.25),
+        "Nvrr": (0.0, 0.2),
+        "Nrrr": (0.25 * fullness - 0.056, 0.02),
     }
-    return {name: (value * by_draught, _SD[name] * by_draught) for name, value in mean.items()}
+    return {name: (mean * by_draught, sd * by_draught) for name, (mean, sd) in laws.items()}
 
 
 def cross_flow_terms(L: float, d: float) -> dict[str, tuple[float, float]]:

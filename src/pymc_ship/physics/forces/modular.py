@@ -1,8 +1,4 @@
-"""The table of parts, and the accelerations of a set of parts as one program.
-
-:func:`register_part` adds a part: its parameters are then read from vessel files and estimated, and its force is
-simulated, differentiated and forecast like any other.
-"""
+"""The table of parts, to which :func:`register_part` adds, and the accelerations of a set of parts as one program."""
 
 from __future__ import annotations
 
@@ -12,7 +8,7 @@ from functools import lru_cache
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.expressions import Expression, Trace, cos, sin
 from pymc_ship.physics.forces.hull import LOW_SPEED, MANOEUVRING, ROLL, SWAY_CENTRE
-from pymc_ship.physics.forces.part import INPUTS, STATES, Force, Motion, Parameter, Part, Ship
+from pymc_ship.physics.forces.part import INPUTS, STATES, Motion, Parameter, Part, Ship, no_force
 from pymc_ship.physics.forces.programs import Program
 from pymc_ship.physics.forces.rudder import RUDDER
 from pymc_ship.physics.forces.screw import PROPELLER
@@ -34,11 +30,7 @@ def _added_mass(ship: Ship) -> tuple[Parameter, ...]:
     return tuple(parameters)
 
 
-def _no_force(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
-    return Force()
-
-
-ADDED_MASS = Part("added mass", "added masses and moments of inertia", _added_mass, _no_force, "added mass")
+ADDED_MASS = Part("added mass", "added masses and moments of inertia", _added_mass, no_force, "added mass")
 
 PARTS = {
     part.name: part for part in (ADDED_MASS, MANOEUVRING, LOW_SPEED, PROPELLER, RUDDER, ROLL, WIND, CURRENT, CONSTANT)
@@ -48,22 +40,13 @@ PARTS = {
 MODULAR = ("added mass", "propeller", "rudder")
 """Roles that a model without polynomial terms needs besides a hull."""
 
-
 Matrix = tuple[tuple[float, ...], ...]
 
 
 def register_part(part: Part) -> None:
-    """Add a part to vessel files, simulator, fits and forecasts, for this process.
+    """Add a part to vessel files, simulator, fits and forecasts, for this process, after the registered parts.
 
-    Parameters
-    ----------
-    part : Part
-        Evaluated after the registered parts.
-
-    Raises
-    ------
-    VesselError
-        When its name is taken.
+    VesselError if its name is taken.
     """
     if part.name in PARTS:
         raise VesselError(f"The name of a part must be new, found {part.name!r} among {', '.join(PARTS)}; rename it.")
@@ -75,13 +58,7 @@ class UnknownPart(ValueError):
 
 
 def order_parts(names: Sequence[str], *, polynomial: bool) -> tuple[str, ...]:
-    """Names of parts in the order of evaluation.
-
-    Raises
-    ------
-    UnknownPart
-        For an unknown or repeated part, two parts of one role, or a missing role.
-    """
+    """Names of parts in the order of evaluation; UnknownPart for unknown, repeated or missing parts."""
     unknown = [name for name in names if name not in PARTS]
     if unknown or len(set(names)) < len(names):
         raise UnknownPart(
@@ -113,21 +90,10 @@ def part_parameters(ship: Ship, names: Sequence[str]) -> tuple[Parameter, ...]:
 
 @lru_cache(maxsize=64)
 def acceleration_program(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = None) -> Program:
-    """Program of the accelerations of a ship.
+    """Program of the rates of u, v (over U_nom^2 / L), r and p (over U_nom^2 / L^2), for parts in order of evaluation.
 
-    Parameters
-    ----------
-    ship : Ship
-    parts : tuple of Part
-        In the order of evaluation.
-    J_inverse : tuple of four tuples of four floats, optional
-        Inverse of the inertia matrix, for parts that add to polynomial terms: the accelerations are then those by the
-        parts. By default, inertia is that of the ship and of the part "added mass".
-
-    Returns
-    -------
-    Program
-        Rates of u, v, r and p over U_nom^2 / L (u, v) and U_nom^2 / L^2 (r, p).
+    With ``J_inverse`` (4, 4), the inverse of the inertia matrix, the accelerations are those by the parts, which add to
+    polynomial terms; by default inertia is that of the ship and of the part "added mass".
     """
     trace = Trace((*STATES, *INPUTS), [parameter.name for part in parts for parameter in part.parameters(ship)])
     at, p = trace.inputs, trace.parameters
@@ -137,10 +103,8 @@ def acceleration_program(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix 
         return north * cosine + east * sine, east * cosine - north * sine
 
     drift = p.get("k_drift", 0.0)
-    current = [
-        p.get(name, 0.0) + drift * at[wind] for name, wind in zip(CURRENT_COMPONENTS, ("wind_x", "wind_y"), strict=True)
-    ]
-    u_c, v_c = to_ship(*current)
+    c_north, c_east = (p.get(name, 0.0) for name in CURRENT_COMPONENTS)
+    u_c, v_c = to_ship(c_north + drift * at["wind_x"], c_east + drift * at["wind_y"])
     u_w, v_w = to_ship(at["wind_x"], at["wind_y"])
     water = {"u": at["u"] - u_c, "v": at["v"] - v_c}
     others = {name: at[name] for name in ("r", "p", "phi", "delta", "n")}

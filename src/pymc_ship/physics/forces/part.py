@@ -1,8 +1,7 @@
 """The interface of a part of the force: parameters, and a formula for forces from motion, inputs and parameters.
 
-Quantities are prime at the nominal speed, which holds at rest and astern, too: lengths over L, speeds over U_nom, rates
-times L / U_nom, forces over 1/2 rho U_nom^2 L^2, moments over 1/2 rho U_nom^2 L^3. Axes point forward, to starboard and
-down; a positive rudder angle turns to port.
+Quantities are prime at the nominal speed U_nom, also at rest and astern. Axes point forward, to starboard and down; a
+positive rudder angle turns to port.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ INPUTS = ("delta", "n", "wind_x", "wind_y")
 
 
 class AddedMass(NamedTuple):
-    """Acceleration derivatives, prime values."""
+    """Acceleration derivatives, prime values; those of roll are zero for a vessel without roll."""
 
     Xudot: float
     Yvdot: float
@@ -90,8 +89,8 @@ class Ship(NamedTuple):
 class Parameter:
     """A parameter of a part with its prior.
 
-    ``unit`` is "prime" or the unit of the number. ``per_run``: every run has its own value; ``per_facility``: it may
-    differ between facilities that test the same ship (revolutions, wake, asymmetry of propeller and rudder).
+    ``unit`` is "prime" or the unit of the number. ``per_run``: every run has its own value; ``per_facility``: each
+    facility may have its own (revolutions, wake, asymmetry of propeller and rudder).
     """
 
     name: str
@@ -132,19 +131,9 @@ Formula = Callable[[Ship, Motion, Mapping[str, Expression], dict[str, Expression
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a ship's force.
+    """A part of a ship's force: ``parameters(ship)`` are typical values, ``force`` is a :data:`Formula`.
 
-    Attributes
-    ----------
-    name : str
-    description : str
-        In words.
-    parameters : callable
-        ``parameters(ship)`` returns the parameters with typical values.
-    force : callable
-        A :data:`Formula`.
-    role : str
-        Such as ``"hull"`` or ``"rudder"``; a ship has at most one part of each role.
+    A ship has at most one part of each ``role``, such as ``"hull"`` or ``"rudder"``.
     """
 
     name: str
@@ -157,3 +146,8 @@ class Part:
 def speed(u: Expression, v: Expression) -> Expression:
     """Speed sqrt(u^2 + v^2 + 1e-12), positive at rest."""
     return root(u * u + v * v + 1e-12)
+
+
+def no_force(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+    """Formula of a part without a force of its own."""
+    return Force()

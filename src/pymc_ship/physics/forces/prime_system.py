@@ -1,8 +1,6 @@
-"""The prime system of SNAME.
+"""The prime system of SNAME (Technical and Research Bulletin 1-5, 1950).
 
-Lengths are divided by L, speeds by the instantaneous speed U = sqrt(u^2 + v^2), times by L / U, forces by
-1/2 rho U^2 L^2 and moments by 1/2 rho U^2 L^3 (SNAME Technical and Research Bulletin 1-5, 1950). Angles are their own
-primes and the surge speed enters the force terms as u_a = (U - U_nom) / U.
+Units are L, the instantaneous speed U, L / U, 1/2 rho U^2 L^2 and 1/2 rho U^2 L^3; terms have u_a = (U - U_nom) / U.
 """
 
 from __future__ import annotations
@@ -54,39 +52,19 @@ def righting_moment(GZ: float, U: float, L: float, volume: float) -> float:
 
 
 _SCALES = {
-    "length": lambda U, L, rho: L + 0.0 * U,
-    "time": lambda U, L, rho: L / U,
-    "speed": lambda U, L, rho: U,
-    "rate": lambda U, L, rho: rate_scale(U, L),
-    "acceleration": lambda U, L, rho: acceleration_scale(U, L),
-    "angular_acceleration": lambda U, L, rho: angular_acceleration_scale(U, L),
-    "force": lambda U, L, rho: 0.5 * rho * U**2 * L**2,
-    "moment": lambda U, L, rho: 0.5 * rho * U**2 * L**3,
-    "angle": lambda U, L, rho: 1.0 + 0.0 * U,
+    ("x", "y"): lambda U, L, rho: L + 0.0 * U,
+    ("time",): lambda U, L, rho: L / U,
+    ("u", "v"): lambda U, L, rho: U,
+    ("r", "p"): lambda U, L, rho: rate_scale(U, L),
+    ("udot", "vdot"): lambda U, L, rho: acceleration_scale(U, L),
+    ("rdot", "pdot"): lambda U, L, rho: angular_acceleration_scale(U, L),
+    ("X", "Y"): lambda U, L, rho: 0.5 * rho * U**2 * L**2,
+    ("N", "K"): lambda U, L, rho: 0.5 * rho * U**2 * L**3,
+    ("phi", "psi", "delta"): lambda U, L, rho: 1.0 + 0.0 * U,
 }
+_SCALE = {quantity: divisor for quantities, divisor in _SCALES.items() for quantity in quantities}
 
-_KIND = {
-    "x": "length",
-    "y": "length",
-    "time": "time",
-    "u": "speed",
-    "v": "speed",
-    "r": "rate",
-    "p": "rate",
-    "udot": "acceleration",
-    "vdot": "acceleration",
-    "rdot": "angular_acceleration",
-    "pdot": "angular_acceleration",
-    "X": "force",
-    "Y": "force",
-    "N": "moment",
-    "K": "moment",
-    "phi": "angle",
-    "psi": "angle",
-    "delta": "angle",
-}
-
-QUANTITIES = tuple(_KIND)
+QUANTITIES = tuple(_SCALE)
 """Quantities that have a prime value."""
 
 
@@ -114,9 +92,9 @@ def scale(quantity: str, U: float | np.ndarray, L: float, water_density: float =
     ValueError
         For an unknown quantity.
     """
-    if quantity not in _KIND:
+    if quantity not in _SCALE:
         raise ValueError(f"Prime values exist for {', '.join(QUANTITIES)}, found {quantity!r}; use one of these.")
-    return _SCALES[_KIND[quantity]](np.asarray(U, dtype=float), L, water_density)
+    return _SCALE[quantity](np.asarray(U, dtype=float), L, water_density)
 
 
 def to_prime(

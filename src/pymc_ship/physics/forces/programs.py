@@ -1,8 +1,6 @@
-"""Programs of elementary operations on rows of a workspace, evaluated and differentiated by two kernels.
+"""Programs of elementary operations, evaluated by :func:`execute` and differentiated by :func:`sweep`.
 
-:func:`execute` evaluates a program, one lane for each instant or draw. :func:`sweep` runs it backwards and gives the
-derivatives of one result by every state, input and parameter (reverse mode of automatic differentiation, Griewank &
-Walther 2008, doi:10.1137/1.9780898717761).
+Reverse mode of automatic differentiation: Griewank & Walther (2008), doi:10.1137/1.9780898717761.
 """
 
 from __future__ import annotations
@@ -39,13 +37,12 @@ def segment_kind(operation: int) -> int:
 
 
 class Program(NamedTuple):
-    """Operations on the rows of a workspace of shape (n_rows, n_lanes).
+    """Operations on the rows of a workspace (n_rows, n_lanes): inputs, parameters, constants, results of operations.
 
-    Rows are inputs, parameters, constants and results of the operations, in this order. ``operation``, ``left``,
-    ``right``, ``added`` (n_operations,) define each result: a + b is a * 1 + b, a - b is b * -1 + a, and a product
+    ``operation``, ``left``, ``right``, ``added`` (n_operations,): a + b is a * 1 + b, a - b is b * -1 + a, a product
     adds 0. The first ``n_static`` operations depend on parameters and constants only. ``results`` (n_results,) are the
-    output rows; ``needed`` (n_results, n_operations) marks the operations that each depends on. ``segments``
-    (n_segments, 3) are kind, begin and end of consecutive operations of one :func:`segment_kind`.
+    output rows, ``needed`` (n_results, n_operations) the operations that each depends on. ``segments`` (n_segments, 3)
+    are kind, begin and end of consecutive operations of one :func:`segment_kind`.
     """
 
     operation: np.ndarray

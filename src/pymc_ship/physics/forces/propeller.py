@@ -1,14 +1,9 @@
-"""Propeller loading: slipstream and thrust as functions of the speed at constant revolutions.
+"""Propeller loading: slipstream and thrust as functions of u_a = (U - U_nom) / U at constant revolutions.
 
-With the advance ratio J = (1 - w) U / (n D) and the open-water thrust coefficient K_T = k_0 + k_1 J + k_2 J^2, the
-rudder meets the inflow u_R with u_R^2 ~ U^2 {eta [1 + kappa (sqrt(1 + 8 K_T / (pi J^2)) - 1)]^2 + 1 - eta} and the
-prime thrust goes as K_T / J^2 (Yasukawa & Yoshimura 2015, J. Mar. Sci. Technol. 20:37, Eq. 13 to 22,
-doi:10.1007/s00773-014-0293-y). Both are functions of u_a = (U - U_nom) / U alone, since J = J_nom / (1 - u_a):
+Yasukawa & Yoshimura (2015), Eq. 13 to 22, doi:10.1007/s00773-014-0293-y, with J = J_nom / (1 - u_a):
 
-    g(u_a) = (u_R / U)^2 over its value at the nominal speed: factor of forces in the slipstream, 1 at u_a = 0
-    T(u_a) = (K_T / J^2) over its value at the nominal speed, minus 1: excess thrust over resistance, 0 at u_a = 0
-
-With a prime resistance that does not depend on speed, X' = R'_0 T(u_a) on a straight course.
+    g = (u_R / U)^2 over its value at u_a = 0, u_R^2 ~ U^2 {eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta}
+    T = (K_T / J^2) over its value at u_a = 0, minus 1, K_T = k_0 + k_1 J + k_2 J^2; X' = R'_0 T on a straight course
 """
 
 from __future__ import annotations

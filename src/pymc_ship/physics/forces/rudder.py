@@ -1,8 +1,6 @@
 """Rudder behind a propeller as a part: normal force, flow straightening and hull interaction.
 
-Yasukawa & Yoshimura (2015), Eq. 17 to 24: inflow by epsilon, kappa and eta, v_R = U gamma_R beta_R with beta_R = beta -
-l_R r', normal force F_N and hull interaction (t_R, a_H, x_H). gamma_R may differ by side, and the force may grow faster
-than sin(alpha): F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|).
+Yasukawa & Yoshimura (2015), Eq. 17 to 24, with gamma_R by side and F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|).
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
         Parameter(
             "dgamma_R", 0.0, 0.1, "half the difference between the sides", "flow straightening", per_facility=True
         ),
-        Parameter("l_R", -0.9, 0.2, f"{MMG}, -0.71; twice the place of the rudder, {kijima}", "L"),
+        Parameter("l_R", -0.9, 0.2, f"{MMG}, -0.71; twice the position of the rudder, {kijima}", "L"),
         Parameter("t_R", 0.45 - 0.28 * ship.block, 0.12, kijima, "steering resistance"),
         Parameter("a_H", 0.4, 0.2, f"{MMG}, 0.31; {kijima}", "rudder force on the hull"),
         Parameter("x_H", -0.44, 0.06, f"{MMG}, -0.464; {kijima}", "L"),

@@ -1,9 +1,7 @@
 """Propeller as a part: thrust, wake by drift, slipstream at the rudder, side force and moment.
 
-Yasukawa & Yoshimura (2015), Eq. 10 to 16, with a wake that differs by side: w_P = 1 - (1 - w_0) [1 + (1 - exp(-2
-|beta_P|)) (C_2 - 1)]. Thrust is relative to that of the straight course, which equals the resistance R_0. Astern, the
-thrust is quadratic in n and u with coefficients from four-quadrant tests; the rudder has no slipstream, and a
-right-handed screw pushes the stern to port.
+Yasukawa & Yoshimura (2015), Eq. 10 to 16, with a wake that differs by side. Thrust is relative to the resistance R_0 of
+the straight course; astern it is quadratic in n and u, the rudder has no slipstream, and the stern goes to port.
 """
 
 from __future__ import annotations
@@ -27,19 +25,13 @@ _B_SERIES = "ten propellers of the Wageningen B-series (Roddy, Hess & Faller 200
 
 def _parameters(ship: Ship) -> tuple[Parameter, ...]:
     side = ship.d / ship.L
-    stated = "vessel file" if ship.propeller_known else "Taylor, w = 0.5 C_B - 0.05"
-    stated_n = "vessel file" if ship.propeller_known else "thrust of a typical propeller"
-    astern = f"thrust astern at rest over that ahead, {_B_SERIES}"
+    n_sd, wake_sd, n_source, wake_source = 0.1, 0.04, "vessel file", "vessel file"
+    if not ship.propeller_known:
+        n_sd, wake_sd, n_source, wake_source = 0.3, 0.08, "thrust of a typical propeller", "Taylor, w = 0.5 C_B - 0.05"
+    n_unit, astern = "over the nominal revolutions stated", f"thrust astern at rest over that ahead, {_B_SERIES}"
     return (
-        Parameter(
-            NOMINAL_REVOLUTIONS,
-            1.0,
-            0.1 if ship.propeller_known else 0.3,
-            stated_n,
-            "over the nominal revolutions stated",
-            per_facility=True,
-        ),
-        Parameter("w0", ship.wake, 0.04 if ship.propeller_known else 0.08, stated, "wake fraction", per_facility=True),
+        Parameter(NOMINAL_REVOLUTIONS, 1.0, n_sd, n_source, n_unit, per_facility=True),
+        Parameter("w0", ship.wake, wake_sd, wake_source, "wake fraction", per_facility=True),
         Parameter("C2", 1.4, 0.25, f"{MMG}, 1.6 and 1.1", "wake by drift"),
         Parameter("dC2", 0.0, 0.15, "half the difference between the sides", "wake by drift", per_facility=True),
         Parameter("Y_P", 0.0, 1e-3 * side, "none on average", "at nominal thrust", per_facility=True),

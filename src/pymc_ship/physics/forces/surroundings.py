@@ -1,8 +1,6 @@
 """Wind, current and a constant residual force, as parts.
 
-The wind follows the law of Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, section 8.1: X
-is proportional to the cosine, Y to the sine and N to the sine of twice the relative direction, with his ranges of the
-coefficients. The surface drifts with a small part of the wind speed. A uniform current has two constants for each run.
+Wind: X as the cosine, Y as the sine, N as the sine of twice the relative direction (Fossen 2011, section 8.1).
 """
 
 from __future__ import annotations
@@ -10,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pymc_ship.physics.forces.expressions import Expression
-from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, speed
+from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, no_force, speed
 
 AIR_OVER_WATER = 1.225 / 1025.0
 """Density of air over that of sea water."""
@@ -47,14 +45,7 @@ def _of_current(ship: Ship) -> tuple[Parameter, ...]:
 
 def _of_rest(ship: Ship) -> tuple[Parameter, ...]:
     size = "a degree of rudder or so, by judgement"
-    return (
-        Parameter("Y_run", 0.0, 2e-5, size, per_run=True),
-        Parameter("N_run", 0.0, 1e-5, size, per_run=True),
-    )
-
-
-def _nothing(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
-    return Force()
+    return (Parameter("Y_run", 0.0, 2e-5, size, per_run=True), Parameter("N_run", 0.0, 1e-5, size, per_run=True))
 
 
 def _rest(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
@@ -62,5 +53,5 @@ def _rest(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[
 
 
 WIND = Part("wind", "wind by frontal and lateral area, and the drift of the surface", _of_wind, _wind, "wind")
-CURRENT = Part("current", "a uniform current, two constants a run", _of_current, _nothing, "current")
+CURRENT = Part("current", "a uniform current, two constants a run", _of_current, no_force, "current")
 CONSTANT = Part("constant force", "a constant force and moment a run", _of_rest, _rest, "constant force")

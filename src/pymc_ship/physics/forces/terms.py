@@ -1,9 +1,7 @@
-"""Polynomial terms of the hydrodynamic forces: names, factors and their evaluator.
+"""Polynomial terms of the forces: names, factors and :func:`fill_products`, the one evaluator of all districts.
 
-A term is a product of prime quantities written without operators: ``v|v|`` is v |v|, ``deltadeltau`` is delta^2 u_a,
-``pu|pu|`` is p u_a |p u_a|, ``0`` is 1 and ``0u`` is u_a; ``sincos`` is sin(delta) cos(delta), the lateral force of a
-rudder; ``gsincos`` is that in the slipstream and ``T`` the excess thrust, see :mod:`propeller
-<pymc_ship.physics.forces.propeller>`. Simulator, design matrix and forecast evaluate terms by :func:`fill_products`.
+A term is a product of prime quantities: ``v|v|``, ``deltadeltau`` = delta^2 u_a, ``0`` = 1, ``sincos`` = sin(delta)
+cos(delta), ``gsincos`` that in the slipstream, ``T`` the excess thrust (:mod:`.propeller`).
 """
 
 from __future__ import annotations
@@ -46,23 +44,9 @@ class UnknownTerm(ValueError):
 
 
 def factors(term: str) -> tuple[int, ...]:
-    """Workspace rows whose product is a term.
+    """Workspace rows whose product is a term such as ``"v|v|"`` or ``"0u"``; empty for ``"0"``.
 
-    Parameters
-    ----------
-    term : str
-        Name such as ``"v|v|"``, ``"deltadeltau"`` or ``"0u"``.
-
-    Returns
-    -------
-    tuple of int
-        Symbols from ``ROW_SYMBOL``, absolute values from ``ROW_ABSOLUTE``, sine and cosine of the rudder angle from
-        ``ROW_RUDDER``, propeller loading from ``ROW_LOADING``; empty for ``"0"``.
-
-    Raises
-    ------
-    UnknownTerm
-        When the name cannot be read.
+    UnknownTerm for a name that cannot be read.
     """
     rows: list[int] = []
     position = 1 if term.startswith("0") else 0
@@ -100,16 +84,9 @@ def needs_propeller(term: str) -> bool:
 
 @dataclass(frozen=True)
 class TermPlan:
-    """Plan of a set of terms, with one multiplication for each new product.
+    """Plan of a set of terms: workspace row ``N_BASE + k`` is row ``left[k]`` times row ``right[k]``, (n_products,).
 
-    Attributes
-    ----------
-    terms : tuple of str
-        Terms, in order.
-    left, right : ndarray of int64, shape (n_products,)
-        Workspace row ``N_BASE + k`` is row ``left[k]`` times row ``right[k]``.
-    rows : ndarray of int64, shape (n_terms,)
-        Workspace row that holds each term.
+    ``rows`` (n_terms,) are the workspace rows of the terms.
     """
 
     terms: tuple[str, ...]
@@ -127,27 +104,23 @@ class TermPlan:
 def plan(terms: tuple[str, ...]) -> TermPlan:
     """Multiplication plan of terms; common products are formed once."""
     row_of: dict[tuple[int, ...], int] = {(): ROW_ONE} | {(row,): row for row in range(N_BASE)}
-    left: list[int] = []
-    right: list[int] = []
+    products: list[tuple[int, int]] = []
     rows = []
     for term in terms:
         sequence = tuple(sorted(factors(term)))
         for length in range(2, len(sequence) + 1):
             head = sequence[:length]
             if head not in row_of:
-                row_of[head] = N_BASE + len(left)
-                left.append(row_of[head[:-1]])
-                right.append(head[-1])
+                row_of[head] = N_BASE + len(products)
+                products.append((row_of[head[:-1]], head[-1]))
         rows.append(row_of[sequence])
-    return TermPlan(terms, *(np.array(values, dtype=np.int64) for values in (left, right, rows)))
+    left, right = np.array(products, dtype=np.int64).reshape(-1, 2).T.copy()
+    return TermPlan(terms, left, right, np.array(rows, dtype=np.int64))
 
 
 @njit(**_SETTINGS, forceinline=True)
 def fill_products(work: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
-    """Fill absolute values, functions of the rudder angle and products, from symbol and loading rows.
-
-    ``work`` has shape (n_rows, n_lanes): a lane is one instant of one draw.
-    """
+    """Fill absolute values, functions of the rudder angle and products, from symbol and loading rows."""
     n_lanes = work.shape[1]
     for lane in range(n_lanes):
         work[ROW_ONE, lane] = 1.0
@@ -170,10 +143,8 @@ def fill_product_tangents(work: np.ndarray, left: np.ndarray, right: np.ndarray,
         tangent[ROW_ONE, lane] = 0.0
     for symbol in range(ROW_SYMBOL, ROW_ABSOLUTE):
         for lane in range(n_lanes):
-            value, change = work[symbol, lane], tangent[symbol, lane]
-            tangent[symbol + ROW_ABSOLUTE - ROW_SYMBOL, lane] = (
-                change if value > 0.0 else (-change if value < 0.0 else 0.0)
-            )
+            value, change, row = work[symbol, lane], tangent[symbol, lane], symbol + ROW_ABSOLUTE - ROW_SYMBOL
+            tangent[row, lane] = change if value > 0.0 else (-change if value < 0.0 else 0.0)
     for lane in range(n_lanes):
         rudder_tangent = tangent[ROW_DELTA, lane]
         tangent[ROW_RUDDER, lane] = work[ROW_RUDDER + 1, lane] * rudder_tangent
@@ -185,24 +156,10 @@ def fill_product_tangents(work: np.ndarray, left: np.ndarray, right: np.ndarray,
 
 
 def evaluate(terms: tuple[str, ...], motion: dict[str, np.ndarray]) -> np.ndarray:
-    """Evaluate terms on prime quantities.
+    """Terms on prime quantities, shape (n_time, n_terms); UnknownTerm for a name that cannot be read.
 
-    Parameters
-    ----------
-    terms : tuple of str
-        Term names, length n_terms.
-    motion : dict of str to ndarray, shape (n_time,)
-        Prime values of ``u`` (the relative surge speed u_a), ``v``, ``r``, ``p``, ``phi``, ``delta``, and of ``g`` and
-        ``T`` where a term has them.
-
-    Returns
-    -------
-    ndarray, shape (n_time, n_terms)
-
-    Raises
-    ------
-    UnknownTerm
-        When a name cannot be read.
+    ``motion`` has ``u`` (the relative surge speed u_a), ``v``, ``r``, ``p``, ``phi``, ``delta``, each (n_time,), and
+    ``g`` and ``T`` where a term has them.
     """
     scheme = plan(tuple(terms))
     work = np.empty((scheme.n_rows, np.size(motion["u"])))
