@@ -10,10 +10,7 @@ import numpy as np
 import pymc_ship as ps
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.vessel.hull_database import with_hull_database
-from pymc_ship.physics.vessel.term_sets import (
-    OWN,
-    with_terms,
-)
+from pymc_ship.physics.vessel.term_sets import OWN, with_terms
 from tests.physics.vessel.test_parts import PARTICULARS, PARTS, PROPELLER, vessel
 from tests.physics.vessel.test_ranges import SHIPS, particulars_toml
 from tests.physics.vessel.test_term_sets import LOADED

@@ -1,7 +1,4 @@
-"""Prior of polynomial hull coefficients from :mod:`pymc_ship.physics.forces.hull_database`.
-
-Zigzags alone hardly separate linear from cubic forces, since v follows r in all of them.
-"""
+"""Prior of polynomial hull coefficients from :mod:`pymc_ship.physics.forces.hull_database`."""
 
 from __future__ import annotations
 
@@ -26,24 +23,16 @@ def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
     Parameters
     ----------
     vessel : Vessel, str or Path
-        L, B, draught d and volume of its particulars.
+        With a draught, else VesselError.
 
     Returns
     -------
     dict of str to (float, float)
         Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. They include the
-        added mass of the steady turn (m_y v r, m_x u r). The sd of Xvv covers the term in v^4 of the formulae, which
-        no term set has, up to v' = 0.3.
-
-    Raises
-    ------
-    VesselError
-        Without a draught.
+        added mass of the steady turn (m_y v r, m_x u r). The sd of Xvv covers the term in v^4 up to v' = 0.3.
 
     Examples
     --------
-    The yaw damping of a tanker from captive tests of other hulls:
-
     >>> import pymc_ship as ps
     >>> from pymc_ship.physics.vessel.hull_database import hull_coefficients
     >>> mean, sd = hull_coefficients(ps.load_vessel("kvlcc2"))["Nr"]
@@ -61,15 +50,10 @@ def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
 
 
 def with_hull_database(vessel: Vessel) -> Vessel:
-    """Vessel with values and sds from hull database, cross-flow drag and typical rudder.
+    """Vessel with values and sds from hull database, cross-flow drag and typical rudder; VesselError without a draught.
 
     A coefficient with an sd in the vessel file stays unchanged. So does a linear one of sway and yaw without a partner
     by propeller loading (``gv`` of ``v``), since it contains the force of the rudder, too.
-
-    Raises
-    ------
-    VesselError
-        Without a draught.
     """
     names = {c.name for force in vessel.forces.values() for c in force}
     with_rudder = {f"{letter}{term}" for letter in "YN" for term in "vr" if f"{letter}g{term}" not in names}
@@ -79,10 +63,7 @@ def with_hull_database(vessel: Vessel) -> Vessel:
 
 
 def with_typical_rudder(vessel: Vessel) -> Vessel:
-    """Vessel with the even and convex terms of a typical rudder, which zigzags do not identify.
-
-    Coefficients with an sd in the vessel file stay unchanged. A missing draught is taken as L/20.
-    """
+    """Vessel with the even and convex terms of a typical rudder where it has no sd; a missing draught is L/20."""
     s = vessel.particulars
     return _with_prior(vessel, _with_loading(typical_rudder(s.L, s.d or s.L / 20.0)), TYPICAL_RUDDER)
 
@@ -96,9 +77,7 @@ def _with_prior(vessel: Vessel, known: dict[str, tuple[float, float]], source: s
     """Vessel with values, sds and source of the known coefficients that have no sd."""
 
     def with_law(c: Coefficient) -> Coefficient:
-        if c.name not in known or c.sd > 0.0:
-            return c
-        value, sd = known[c.name]
-        return replace(c, value=value, sd=sd, source=source)
+        value, sd = known.get(c.name, (c.value, c.sd))
+        return c if c.name not in known or c.sd > 0.0 else replace(c, value=value, sd=sd, source=source)
 
     return replace(vessel, forces={dof: tuple(with_law(c) for c in force) for dof, force in vessel.forces.items()})

@@ -1,9 +1,8 @@
 """Mass, moments of inertia, added mass and stability from the particulars, where a vessel file leaves them out.
 
-The mass is that of the displaced water; radii of gyration are 0.25 L in yaw and 0.35 to 0.40 B in roll (ITTC
-Recommended Procedure 7.5-02-07-02.1). Added masses follow Motora's charts (1959) in the regression of Zhou, Sheng &
-Feng (1983); in roll, Bhattacharyya (1978), Dynamics of Marine Vehicles, chapter 4. The inertia of the waterplane
-follows Schneekluth & Bertram (1998), Ship Design for Efficiency and Economy, section 1.6.
+Radii of gyration: ITTC Recommended Procedure 7.5-02-07-02.1. Added masses: Motora's charts (1959) in the regression of
+Zhou, Sheng & Feng (1983); in roll, Bhattacharyya (1978), Dynamics of Marine Vehicles, chapter 4. Waterplane:
+Schneekluth & Bertram (1998), Ship Design for Efficiency and Economy, section 1.6.
 """
 
 from __future__ import annotations
@@ -40,24 +39,9 @@ def yaw_inertia(s: Particulars, m: float) -> float:
 
 
 def motora_added_mass(s: Particulars, m: float) -> dict[str, float]:
-    """Added masses from the block coefficient, B/d and L/B.
+    """Prime Xudot, Yvdot and Nrdot about midship from C_B, B/d and L/B, for the prime mass ``m``.
 
-    Parameters
-    ----------
-    s : Particulars
-        With the draught d.
-    m : float
-        Prime mass.
-
-    Returns
-    -------
-    dict of str to float
-        Prime values of Xudot, Yvdot and Nrdot, about midship.
-
-    Raises
-    ------
-    VesselError
-        For a hull outside the charts, or without a draught.
+    VesselError for a hull outside the charts, or without a draught.
     """
     if s.d <= 0.0:
         raise VesselError("Motora's charts of added mass need the draught d, found none; add d [m] to [particulars].")
@@ -95,9 +79,8 @@ def with_stability(vessel: Vessel) -> Vessel:
         waterplane = (1.0 + 2.0 * s.volume / (s.L * s.B * s.d)) / 3.0
         s = replace(s, BM=waterplane**2 * s.L * s.B**3 / (11.7 * s.volume))
         derived["particulars.BM"] = f"{s.BM:.3g} m (inertia of the waterplane over volume)"
-    if vessel.I_xx:
-        I_xx = vessel.I_xx
-    else:
+    I_xx = vessel.I_xx
+    if not I_xx:
         I_xx = ((K_XX * s.B / s.L) ** 2 + (s.z_G / s.L) ** 2) * vessel.m
         derived["inertia.I_xx"] = f"{I_xx:.3g} (a radius of gyration of {K_XX} B)"
     added_mass = vessel.added_mass

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +13,9 @@ from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.expressions import Trace
 from pymc_ship.physics.forces.hull import ROLL, nominal_resistance, thrust_deduction
 from pymc_ship.physics.forces.modular import PARTS, UnknownPart, acceleration_program, order_parts, part_parameters
-from pymc_ship.physics.forces.part import AddedMass, Part, Ship
+from pymc_ship.physics.forces.part import AddedMass, Ship
 from pymc_ship.physics.forces.programs import Program
+from pymc_ship.physics.forces.propeller import Propeller
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.vessel.inertia import with_stability
 from pymc_ship.physics.vessel.vessel import Coefficient, Particulars, Vessel
@@ -30,44 +32,31 @@ _ASPECT = 1.6  # of a rudder
 
 def ship_dimensions(vessel: Vessel) -> Ship:
     """Dimensions that parts need, typical where the file leaves them out; VesselError without a draught."""
-    s = vessel.particulars
+    s, windage = vessel.particulars, vessel.windage
     _check_draught(vessel)
     area, aspect = (vessel.rudder.area, vessel.rudder.aspect_ratio) if vessel.rudder else (_rudder_area(s), _ASPECT)
-    windage = vessel.windage
-    known = vessel.propeller
-    block = s.volume / (s.L * s.B * s.d)
+    wake = 0.5 * (s.volume / (s.L * s.B * s.d)) - 0.05
+    propeller = vessel.propeller or Propeller(_DIAMETER * s.d, math.nan, wake, *_OPEN_WATER, _ETA, _KAPPA)
     ship = Ship(
-        L=s.L,
-        B=s.B,
-        d=s.d,
-        volume=s.volume,
-        nominal_speed=s.nominal_speed,
-        D=known.D if known else _DIAMETER * s.d,
-        n=known.n if known else math.nan,
-        k_0=known.k_0 if known else _OPEN_WATER[0],
-        k_1=known.k_1 if known else _OPEN_WATER[1],
-        k_2=known.k_2 if known else _OPEN_WATER[2],
-        wake=known.wake_fraction if known else 0.5 * block - 0.05,
-        eta=known.eta if known else _ETA,
-        kappa=known.kappa if known else _KAPPA,
-        propeller_known=known is not None,
+        **_attributes(s, "L", "B", "d", "volume", "nominal_speed", "GM", "BM"),
+        **_attributes(propeller, "D", "n", "k_0", "k_1", "k_2", "eta", "kappa"),
+        **_attributes(vessel, "m", "x_G", "z_G", "I_zz", "I_xx"),
+        wake=propeller.wake_fraction,
+        propeller_known=vessel.propeller is not None,
         rudder_area=area / s.L**2,
         rudder_known=vessel.rudder is not None,
         aspect_ratio=aspect,
         frontal=windage.frontal_area / s.L**2 if windage else 0.0,
         lateral=windage.lateral_area / s.L**2 if windage else 0.0,
-        m=vessel.m,
-        x_G=vessel.x_G,
-        z_G=vessel.z_G,
-        I_zz=vessel.I_zz,
-        I_xx=vessel.I_xx,
         added_mass=AddedMass(**vessel.added_mass),
-        GM=s.GM,
-        BM=s.BM,
         GM_known="particulars.GM" not in vessel.derived,
         rolls="roll" in vessel.forces,
     )
-    return ship if known else ship._replace(n=_revolutions(ship))
+    return ship if vessel.propeller else ship._replace(n=_revolutions(ship))
+
+
+def _attributes(source: object, *names: str) -> dict[str, Any]:
+    return {name: getattr(source, name) for name in names}
 
 
 def _check_draught(vessel: Vessel) -> None:
@@ -80,7 +69,7 @@ def _check_draught(vessel: Vessel) -> None:
 def with_parts(
     vessel: Vessel, names: Sequence[str], stated: Mapping[str, Coefficient] | None = None, fixed: Sequence[str] = ()
 ) -> Vessel:
-    """Vessel whose forces are sums of parts.
+    """Vessel whose forces are sums of parts; with roll, missing stability and inertia in roll are estimated.
 
     Parameters
     ----------
@@ -88,14 +77,9 @@ def with_parts(
     names : sequence of str
         Of :data:`pymc_ship.physics.forces.modular.PARTS`.
     stated : mapping of str to Coefficient, optional
-        Known parameters; the others are typical.
+        Parameters with a value of the vessel file; the others are typical.
     fixed : sequence of str, optional
         Parameters that are fixed at their values; names that the parts lack are ignored.
-
-    Returns
-    -------
-    Vessel
-        With the part roll, missing stability and inertia in roll are estimated.
 
     Raises
     ------
@@ -118,12 +102,7 @@ def with_parts(
             f"The part wind needs the areas above the water of {vessel.name!r}; add frontal_area and lateral_area "
             "[m2] to [windage]."
         )
-    typical = {
-        p.name: Coefficient(
-            p.name, p.value, source=p.source, sd=p.sd, unit=p.unit, per_run=p.per_run, per_facility=p.per_facility
-        )
-        for p in part_parameters(ship_dimensions(vessel), names)
-    }
+    typical = {p.name: Coefficient(**asdict(p)) for p in part_parameters(ship_dimensions(vessel), names)}
     stated = dict(stated or {})
     unknown = [name for name in stated if name not in typical]
     if unknown:
@@ -140,22 +119,20 @@ def with_parts(
 
 def part_program(vessel: Vessel) -> Program:
     """Program of the accelerations by the parts of a vessel; without results if it has no parts."""
-    if not vessel.parts:
-        return Trace((), ()).program(())
-    J_inverse = None if vessel.modular else tuple(map(tuple, np.linalg.inv(vessel.inertia_matrix).tolist()))
-    return acceleration_program(ship_dimensions(vessel), _parts(vessel), J_inverse)
-
-
-def _parts(vessel: Vessel) -> tuple[Part, ...]:
-    """Registered parts of a vessel."""
-    return tuple(PARTS[name] for name in vessel.parts)
+    return _program(vessel, None if vessel.modular else np.linalg.inv(vessel.inertia_matrix))
 
 
 def force_program(vessel: Vessel) -> Program:
     """Program of the forces X, Y, N, K of the parts, prime at the nominal speed; empty without parts."""
+    return _program(vessel, np.eye(4))
+
+
+def _program(vessel: Vessel, J_inverse: np.ndarray | None) -> Program:
     if not vessel.parts:
         return Trace((), ()).program(())
-    return acceleration_program(ship_dimensions(vessel), _parts(vessel), tuple(map(tuple, np.eye(4).tolist())))
+    parts = tuple(PARTS[name] for name in vessel.parts)
+    matrix = None if J_inverse is None else tuple(map(tuple, J_inverse.tolist()))
+    return acceleration_program(ship_dimensions(vessel), parts, matrix)
 
 
 def _rudder_area(s: Particulars) -> float:

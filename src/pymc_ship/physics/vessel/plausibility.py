@@ -14,24 +14,13 @@ from pymc_ship.physics.vessel.ranges import (
     ROLL_COUPLINGS,
     Rule,
     coefficient_rules,
-    rolls,
 )
 from pymc_ship.physics.vessel.vessel import Particulars, Vessel
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A number of a vessel outside its usual range.
-
-    Attributes
-    ----------
-    key : str
-        Dotted key in the vessel file.
-    impossible : bool
-        Whether it is impossible; otherwise it is doubtful.
-    sentence : str
-        Key, value, derived number, range and a possible explanation.
-    """
+    """A number of a vessel, by its ``key`` in the file, outside its usual range: ``impossible`` or doubtful."""
 
     key: str
     impossible: bool
@@ -44,21 +33,11 @@ def particulars_findings(s: Particulars) -> list[Finding]:
 
 
 def findings(vessel: Vessel) -> list[Finding]:
-    """Findings on all numbers of a vessel.
-
-    Parameters
-    ----------
-    vessel : Vessel
-
-    Returns
-    -------
-    list of Finding
-        In the order of the rules, up to the first impossible one. Estimated values are not doubtful.
-    """
+    """Findings on all numbers of a vessel, up to the first impossible one; estimated values are not doubtful."""
     result = particulars_findings(vessel.particulars)
     if any(finding.impossible for finding in result):
         return result
-    rules = (*INERTIA, *(ROLL_COUPLINGS if rolls(vessel) else ()), *(PROPELLER if vessel.propeller else ()))
+    rules = (*INERTIA, *(ROLL_COUPLINGS if "roll" in vessel.forces else ()), *(PROPELLER if vessel.propeller else ()))
     others = _apply_rules((*rules, *coefficient_rules(vessel)), vessel, _numbers_by_key(vessel))
     result += [finding for finding in others if finding.impossible or finding.key not in vessel.derived]
     J = vessel.inertia_matrix
@@ -85,9 +64,8 @@ def _numbers_by_key(vessel: Vessel) -> dict[str, float]:
     numbers |= _numbers("inertia", {"m": vessel.m, "I_zz": vessel.I_zz, "I_xx": vessel.I_xx})
     numbers |= _numbers("propeller", asdict(vessel.propeller) if vessel.propeller else {})
     for dof, force in vessel.forces.items():
-        numbers |= _numbers(
-            f"coefficients.{dof}", {c.name: c.value for c in force} | {f"{c.name}.sd": c.sd for c in force}
-        )
+        values = {c.name: c.value for c in force} | {f"{c.name}.sd": c.sd for c in force}
+        numbers |= _numbers(f"coefficients.{dof}", values)
     return numbers
 
 

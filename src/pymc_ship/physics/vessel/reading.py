@@ -1,7 +1,4 @@
-"""Reader of vessel files (docs/reference/vessel_toml.md).
-
-Impossible numbers are errors; missing inertia is estimated from the particulars.
-"""
+"""Reader of vessel files (docs/reference/vessel_toml.md)."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import VesselError
@@ -63,8 +61,7 @@ def load_vessel(source: str | Path) -> Vessel:
     Raises
     ------
     VesselError
-        For an unknown vessel, an unreadable file, unknown or missing keys, unknown terms, and non-finite or impossible
-        values. :func:`pymc_ship.physics.vessel.plausibility.remarks` lists estimated and doubtful values.
+        For an unknown vessel, an unreadable file, unknown or missing keys, unknown terms, and impossible values.
 
     Examples
     --------
@@ -101,6 +98,7 @@ def _vessel(file: Entry) -> Vessel:
     forces.check_keys(DOFS)
     parts = _texts_of(file.at("parts", []))
     rolls = "roll" in forces
+    dofs = DOFS if rolls else DOFS[:3]
     particulars = _particulars(file.at("particulars"), rolls=rolls)
     inertia = _numbers(file.at("inertia", {}), _INERTIA, _INERTIA[2:] if rolls else ())
     added_mass = _numbers(file.at("added_mass", {}), ADDED_MASS)
@@ -114,12 +112,10 @@ def _vessel(file: Entry) -> Vessel:
         I_zz=inertia["I_zz"],
         I_xx=inertia.get("I_xx", 0.0),
         added_mass=dict.fromkeys(ADDED_MASS, 0.0) | added_mass,
-        forces={
-            dof: _force(forces.at(dof), dof) if dof in forces else () for dof in DOFS if dof in forces or dof != "roll"
-        },
-        propeller=_propeller(file.at("propeller")) if "propeller" in file else None,
-        rudder=_dimensions(file.at("rudder"), Rudder) if "rudder" in file else None,
-        windage=_dimensions(file.at("windage"), Windage) if "windage" in file else None,
+        forces={dof: _force(forces.at(dof), dof) if dof in forces else () for dof in dofs},
+        propeller=_dimensions(file.at("propeller"), Propeller) if "propeller" in file else None,
+        rudder=_dimensions(file.at("rudder"), Rudder, positive=True) if "rudder" in file else None,
+        windage=_dimensions(file.at("windage"), Windage, positive=True) if "windage" in file else None,
         derived=derived,
     )
     if parts or "parameters" in file:
@@ -127,12 +123,8 @@ def _vessel(file: Entry) -> Vessel:
             vessel = with_parts(vessel, parts, _parameters(file.at("parameters", {})))
         except VesselError as error:
             raise VesselError(f"{file.file}: {error}") from None
-    loaded = (
-        [c.name for force in vessel.forces.values() for c in force if needs_propeller(c.term)]
-        if not vessel.propeller
-        else []
-    )
-    if loaded:
+    loaded = [c.name for force in vessel.forces.values() for c in force if needs_propeller(c.term)]
+    if loaded and not vessel.propeller:
         raise VesselError(f"{file.file}: {', '.join(loaded)} need a propeller, found none; add the table [propeller].")
     _check_possible(findings(vessel), file)
     return vessel
@@ -187,17 +179,12 @@ def _particulars(table: Entry, *, rolls: bool) -> Particulars:
     return particulars
 
 
-def _propeller(table: Entry) -> Propeller:
-    names = [field.name for field in fields(Propeller)]
-    return Propeller(**_numbers(table, names, names))
-
-
-def _dimensions[T: (Rudder, Windage)](table: Entry, kind: type[T]) -> T:
-    """Dataclass of a table of positive numbers, all required."""
+def _dimensions[T: (Propeller, Rudder, Windage)](table: Entry, kind: type[T], *, positive: bool = False) -> T:
+    """Dataclass of a table of numbers, all required."""
     names = [field.name for field in fields(kind)]
     numbers = _numbers(table, names, names)
     for name, value in numbers.items():
-        if value <= 0.0:
+        if positive and value <= 0.0:
             table.at(name).fail(f"must be positive, found {value:g}; correct it.")
     return kind(**numbers)
 
@@ -205,21 +192,21 @@ def _dimensions[T: (Rudder, Windage)](table: Entry, kind: type[T]) -> T:
 def _parameters(table: Entry) -> dict[str, Coefficient]:
     """Stated parameters of parts, by name."""
     table.check_table()
-    parameters = {}
-    for name in table:
-        entry = table.at(name)
-        value, (sd, texts) = _value(entry, ("sd", "unit")), _details(entry)
-        parameters[name] = Coefficient(name, value, texts["source"], texts["sign_source"], texts["note"], sd=sd)
-    return parameters
+    return {name: Coefficient(name, **_value_and_details(table.at(name), ("unit",))) for name in table}
 
 
-def _details(entry: Entry) -> tuple[float, dict[str, str]]:
-    """Standard deviation (NaN if not stated) and texts of a number."""
-    more = entry if isinstance(entry.value, dict) else replace(entry, value={})
-    sd = more.at("sd").number() if "sd" in more else math.nan
+def _value_and_details(entry: Entry, more: Sequence[str]) -> dict[str, Any]:
+    """Value, standard deviation (NaN if not stated) and texts of a number."""
+    value, details = _value(entry, ("sd", *more)), _details(entry)
+    sd = details.at("sd").number() if "sd" in details else math.nan
     if sd <= 0.0:
-        more.at("sd").fail(f"must be positive, found {sd:g}; leave out an unknown sd.")
-    return sd, _texts(more, _TEXTS)
+        details.at("sd").fail(f"must be positive, found {sd:g}; leave out an unknown sd.")
+    return {"value": value, "sd": sd, **_texts(details, _TEXTS)}
+
+
+def _details(entry: Entry) -> Entry:
+    """Table of the details of a number, empty without a table."""
+    return entry if isinstance(entry.value, dict) else replace(entry, value={})
 
 
 def _numbers(table: Entry, known: Sequence[str], required: Sequence[str] = ()) -> dict[str, float]:
@@ -261,19 +248,10 @@ def _coefficient(name: str, entry: Entry, dof: str, source: str) -> Coefficient:
         factors(name[1:])
     except UnknownTerm as error:
         entry.fail(f"must name a coefficient. {error}")
-    value = _value(entry, ("sd", "published", "published_error"))
-    sd, texts = _details(entry)
-    more = entry if isinstance(entry.value, dict) else replace(entry, value={})
-    return Coefficient(
-        name,
-        value,
-        source=texts["source"] or source,
-        sign_source=texts["sign_source"],
-        note=texts["note"],
-        published=_estimates(more.at("published", {})),
-        published_error=_estimates(more.at("published_error", {})),
-        sd=sd,
-    )
+    estimates = ("published", "published_error")
+    coefficient = Coefficient(name, **_value_and_details(entry, estimates))
+    published = {key: _estimates(_details(entry).at(key, {})) for key in estimates}
+    return replace(coefficient, source=coefficient.source or source, **published)
 
 
 def _estimates(table: Entry) -> dict[str, float]:

@@ -1,8 +1,7 @@
 """Term sets for an identification from a few zigzags: about twenty terms, without free powers of the speed.
 
-Hull forces are linear and quadratic (cross flow) or cubic in v and r; the rudder force grows with the sine of its angle
-and its convexity; the even term |r| stands for the asymmetry of a single screw. With a propeller, forces scale with its
-loading g(u_a), and surge follows thrust and resistance, so that the model extrapolates to the speed loss of a turn.
+Hull forces are linear and quadratic or cubic in v and r; the even term |r| is the asymmetry of a single screw. With a
+propeller, forces scale with its loading g(u_a), so that the model extrapolates to the speed loss of a turn.
 """
 
 from __future__ import annotations
@@ -51,34 +50,25 @@ class TermSet:
         return {dof: [f"{LETTER[dof]}{term}" for term in row] for dof, row in rows.items()}
 
 
+def _without_propeller(hull: tuple[str, ...], description: str) -> TermSet:
+    lateral = ("0", "v", "r", *hull, "|r|", "sincos", "sincos|delta|", "sincosu")
+    description = f"{description}, rudder by its sine and the speed loss"
+    return TermSet(("u", "vv", "vr", "rr", "sinsin"), lateral, False, description)
+
+
 def _with_loading(hull: tuple[str, ...], description: str) -> TermSet:
-    return TermSet(
-        ("T", "vv", "vr", "rr", "gsinsin"), ("0", *hull, "g|r|", "gsincos", "gsincos|delta|"), True, description
-    )
+    lateral = ("0", *hull, "g|r|", "gsincos", "gsincos|delta|")
+    return TermSet(("T", "vv", "vr", "rr", "gsinsin"), lateral, True, description)
 
 
-def _times_g(terms: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(f"g{term}" for term in terms)
-
+_LOADED = ("gv", "gr", *(f"g{term}" for term in _SQUARES))
 
 TERM_SETS = {
-    "quadratic": TermSet(
-        ("u", "vv", "vr", "rr", "sinsin"),
-        ("0", "v", "r", *_SQUARES, "|r|", "sincos", "sincos|delta|", "sincosu"),
-        False,
-        "linear and quadratic in v and r, rudder by its sine and the speed loss",
-    ),
-    "cubic": TermSet(
-        ("u", "vv", "vr", "rr", "sinsin"),
-        ("0", "v", "r", *_CUBES, "|r|", "sincos", "sincos|delta|", "sincosu"),
-        False,
-        "linear and cubic in v and r, rudder by its sine and the speed loss",
-    ),
-    "loading": _with_loading(
-        _times_g(("v", "r", *_SQUARES)), "linear and quadratic in v and r, all of it by the propeller's loading"
-    ),
+    "quadratic": _without_propeller(_SQUARES, "linear and quadratic in v and r"),
+    "cubic": _without_propeller(_CUBES, "linear and cubic in v and r"),
+    "loading": _with_loading(_LOADED, "linear and quadratic in v and r, all of it by the propeller's loading"),
     "hull and loading": _with_loading(
-        ("v", "r", *_times_g(("v", "r", *_SQUARES))), "as `loading`, with linear forces that the propeller leaves alone"
+        ("v", "r", *_LOADED), "as `loading`, with linear forces that the propeller leaves alone"
     ),
     "hull and loading, cubic": _with_loading(
         ("v", "r", "gv", "gr", *_CUBES), "linear by the loading and beside it, cubic beside it"
@@ -94,13 +84,12 @@ _BODY = (ADDED_MASS.name, PROPELLER.name, RUDDER.name)
 AHEAD_SET, ANY_SPEED_SET, ROLL_SET = "modular", "modular at any speed", "modular with roll"
 """Sets for ahead speeds, for all speeds (stopping, astern, from rest), and for ahead speeds with roll."""
 
+_ROLL_TEXT = "MMG standard method with roll, wake and flow straightening differ by side"
+
 PART_SETS = {
     AHEAD_SET: PartSet((*_BODY, MANOEUVRING.name), "MMG standard method, wake and flow straightening differ by side"),
     ANY_SPEED_SET: PartSet((*_BODY, LOW_SPEED.name), "cross-flow hull, wake and flow straightening differ by side"),
-    ROLL_SET: PartSet(
-        (*_BODY, MANOEUVRING.name, ROLL.name),
-        "MMG standard method with roll, wake and flow straightening differ by side",
-    ),
+    ROLL_SET: PartSet((*_BODY, MANOEUVRING.name, ROLL.name), _ROLL_TEXT),
 }
 """Sets of parts by name."""
 
@@ -116,10 +105,9 @@ def supports_part_sets(vessel: Vessel) -> bool:
 
 
 def term_sets(vessel: VesselLike) -> tuple[str, ...]:
-    """Names of the term sets that suit a vessel.
+    """Names of the term sets that suit a vessel, its own terms first if no set contains them all.
 
-    Part sets need a draught and no terms of roll; sets with loading need a propeller, the others have none. The own
-    terms come first if they cover every degree of freedom and no set contains them all.
+    Part sets need a draught and no terms of roll; sets with loading need a propeller, the others have none.
 
     Examples
     --------
@@ -133,11 +121,9 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     hull beside loading
     """
     vessel = as_vessel(vessel)
-    modular = (AHEAD_SET,) if supports_part_sets(vessel) else ()
-    names = (
-        *modular,
-        *(name for name, terms in TERM_SETS.items() if terms.propeller == (vessel.propeller is not None)),
-    )
+    propelled = vessel.propeller is not None
+    names = tuple(name for name, terms in TERM_SETS.items() if terms.propeller == propelled)
+    names = (AHEAD_SET, *names) if supports_part_sets(vessel) else names
     own = {c.name for force in vessel.forces.values() for c in force}
     if vessel.modular:
         return (OWN, *names)
@@ -159,8 +145,8 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
     Returns
     -------
     Vessel
-        With terms of surge, sway and yaw only, or with the parts of the set and own parts of other roles. Coefficients
-        and parameters of the vessel keep value, sd and source; other coefficients are 0, other parameters typical.
+        With terms of surge, sway and yaw only, or the parts of the set and own parts of other roles. Coefficients and
+        parameters of the vessel keep value, sd and source; other coefficients are 0, other parameters typical.
 
     Raises
     ------

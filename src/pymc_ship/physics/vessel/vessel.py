@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import VesselError
+from pymc_ship.physics.forces.part import AddedMass
 from pymc_ship.physics.forces.propeller import Propeller
 
 DOFS = ("surge", "sway", "yaw", "roll")
@@ -19,7 +20,7 @@ DOFS = ("surge", "sway", "yaw", "roll")
 LETTER = {"surge": "X", "sway": "Y", "yaw": "N", "roll": "K"}
 """First letter of a coefficient by degree of freedom: X, Y forces, N, K moments."""
 
-ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Ypdot", "Nvdot", "Nrdot", "Npdot", "Kvdot", "Krdot", "Kpdot")
+ADDED_MASS = AddedMass._fields
 """Acceleration derivatives; those of roll are zero for a vessel without roll."""
 
 
@@ -51,11 +52,10 @@ class Coefficient:
 
 @dataclass(frozen=True)
 class Particulars:
-    """Main particulars in SI units; ``rudder_rate_deg`` is in deg/s.
+    """Main particulars in SI units; ``rudder_rate_deg`` is in deg/s, ``x_G`` forward and ``z_G`` below the origin.
 
-    ``rudder_delay`` [s] is the time from the switching heading of a zigzag to the rudder's first movement.
-    ``x_G`` forward and ``z_G`` below the origin [m], ``volume`` the displacement volume [m3], ``GM`` and ``BM`` [m],
-    ``d`` the draught [m], 0 if not stated.
+    ``rudder_delay`` is the time from the switching heading of a zigzag to the rudder's first movement; ``d`` is the
+    draught, 0 if not stated.
     """
 
     L: float
@@ -96,9 +96,8 @@ class Windage:
 class Vessel:
     """A manoeuvring model: particulars, prime inertia, added mass, coefficients of each DOF, optional propeller.
 
-    Forces are polynomial terms with ``forces``, or sums of ``parts`` (names of
-    :data:`pymc_ship.physics.forces.modular.PARTS`) with ``parameters``. A DOF without both is to be identified.
-    ``derived`` has the method for each estimated quantity, by its key in the file.
+    Forces are polynomial terms with ``forces``, or sums of ``parts`` with ``parameters``; a DOF without both is to be
+    identified. ``derived`` has the method for each estimated quantity, by its key in the file.
     """
 
     name: str
@@ -146,30 +145,18 @@ class Vessel:
         return tuple(coefficient.term for coefficient in self._force(dof))
 
     def coefficients(self, dof: str) -> xr.DataArray:
-        """Reference values of a DOF.
+        """Reference values of a DOF, prime, dims (coefficient,), with coordinates ``term`` and ``sign_source``.
 
-        Parameters
-        ----------
-        dof : {"surge", "sway", "yaw", "roll"}
-
-        Returns
-        -------
-        DataArray, dims (coefficient,)
-            Prime values labelled ``Yv``, ``Yv|v|``, ... with coordinates ``term`` and ``sign_source``.
-
-        Raises
-        ------
-        VesselError
-            Without this DOF, or coefficients of it.
+        VesselError without this DOF, or coefficients of it.
         """
         force = self._force(dof)
         return xr.DataArray(
-            np.array([coefficient.value for coefficient in force]),
+            np.array([c.value for c in force]),
             dims="coefficient",
             coords={
-                "coefficient": [coefficient.name for coefficient in force],
-                "term": ("coefficient", [coefficient.term for coefficient in force]),
-                "sign_source": ("coefficient", [coefficient.sign_source for coefficient in force]),
+                "coefficient": [c.name for c in force],
+                "term": ("coefficient", [c.term for c in force]),
+                "sign_source": ("coefficient", [c.sign_source for c in force]),
             },
             name=f"{LETTER[dof]}'",
             attrs={"vessel": self.name, "dof": dof, "units": "prime"},
