@@ -16,9 +16,9 @@ from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 
 
 class _Evaluation(NamedTuple):
-    """Terms (n_points, n_terms) and coefficients of each DOF; program, workspace and scale of the parts."""
+    """Row of the forces, terms (n_points, n_terms) and coefficients by DOF; program, workspace, scale of the parts."""
 
-    terms: dict[str, tuple[np.ndarray, slice]]
+    terms: list[tuple[int, np.ndarray, slice]]
     program: Program
     work: np.ndarray
     scale: np.ndarray
@@ -27,14 +27,13 @@ class _Evaluation(NamedTuple):
 def captive_test_forces(vessel: Vessel, motion: Mapping[str, np.ndarray], draws: np.ndarray) -> np.ndarray:
     """Captive forces X, Y, N, K of each draw, shape (n_draws, 4, n_points), without wind.
 
-    ``motion`` has u, v [m/s], r [rad/s], delta [rad], p [rad/s] and phi [rad] with roll, each (n_points,); ``n`` over
-    the nominal revolutions, 1 by default, for parts only; ``draws`` (n_draws, n_coefficients) are in the vessel's
-    order.
+    ``motion`` has u, v [m/s], r [rad/s], delta [rad], p [rad/s] and phi [rad] with roll, each (n_points,), and ``n``
+    over the nominal revolutions (1 by default) for parts; ``draws`` (n_draws, n_coefficients) are in vessel order.
     """
     evaluation = _evaluation(vessel, motion)
     forces = np.zeros((len(draws), 4, motion["u"].size))
-    for dof, (rows, own) in evaluation.terms.items():
-        forces[:, DOFS.index(dof)] = draws[:, own] @ rows.T
+    for row, terms, own in evaluation.terms:
+        forces[:, row] = draws[:, own] @ terms.T
     for k, draw in enumerate(draws if vessel.parts else ()):
         forces[k] += _by_parts(evaluation, draw)
     return forces
@@ -47,8 +46,8 @@ def captive_test_derivatives(
     evaluation = _evaluation(vessel, motion)
     forces = captive_test_forces(vessel, motion, coefficients[None])[0]
     slopes = np.zeros((*forces.shape, coefficients.size))
-    for dof, (rows, own) in evaluation.terms.items():
-        slopes[DOFS.index(dof)][:, own] = rows
+    for row, terms, own in evaluation.terms:
+        slopes[row][:, own] = terms
     if vessel.parts:
         _by_parts(evaluation, coefficients)
         first, count = evaluation.program.n_inputs, evaluation.program.n_parameters
@@ -61,11 +60,10 @@ def captive_test_derivatives(
 
 def _evaluation(vessel: Vessel, motion: Mapping[str, np.ndarray]) -> _Evaluation:
     primes, speed, _ = prime_record(vessel, {name: values for name, values in motion.items() if name != "n"})
-    rows, begin = {}, 0
+    by_dof, begin = [], 0
     for dof in vessel.dofs:
-        terms = vessel.terms(dof)
-        if terms:
-            rows[dof] = evaluate(terms, primes), slice(begin, begin + len(terms))
+        if terms := vessel.terms(dof):
+            by_dof.append((DOFS.index(dof), evaluate(terms, primes), slice(begin, begin + len(terms))))
         begin += len(terms)
     s, program = vessel.particulars, force_program(vessel)
     work = np.zeros((max(program.n_rows, len(STATES) + len(INPUTS)), speed.size))
@@ -75,7 +73,7 @@ def _evaluation(vessel: Vessel, motion: Mapping[str, np.ndarray]) -> _Evaluation
             work[row] = motion[name] / unit
     work[len(STATES) + INPUTS.index("delta")] = motion["delta"]
     work[len(STATES) + INPUTS.index("n")] = motion.get("n", 1.0)
-    return _Evaluation(rows, program, work, (s.nominal_speed / speed) ** 2)
+    return _Evaluation(by_dof, program, work, (s.nominal_speed / speed) ** 2)
 
 
 def _by_parts(evaluation: _Evaluation, coefficients: np.ndarray) -> np.ndarray:

@@ -11,15 +11,9 @@ import numpy as np
 from numba import njit
 
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.motion.equations import KERNEL, Scheme, set_parts, state_derivative
-from pymc_ship.physics.motion.stepping import STATE_ROWS, Lanes, in_range, lanes_at_rest
-
-
-class Gear(NamedTuple):
-    """Steering gear: its ``rate`` [rad/s], infinite without rate limit, and the ``delay`` [s]."""
-
-    rate: float
-    delay: float
+from pymc_ship.physics.motion.equations import KERNEL, Scheme, scheme, set_parts, state_derivative
+from pymc_ship.physics.motion.stepping import STATE_ROWS, Lanes, in_range, lanes_at_rest, rudder_rate
+from pymc_ship.physics.vessel.vessel import Vessel
 
 
 class Start(NamedTuple):
@@ -27,13 +21,6 @@ class Start(NamedTuple):
 
     state: np.ndarray
     others: np.ndarray
-
-
-class Course(NamedTuple):
-    """Motion and rudder at the samples, shape (9, n_time), NaN after divergence, and the time of divergence [s]."""
-
-    samples: np.ndarray
-    diverged_at: float
 
 
 @njit(**KERNEL)
@@ -47,34 +34,29 @@ def _rate(state: np.ndarray, delta: float, coefficients: np.ndarray, scheme: Sch
 
 
 def course(
-    coefficients: np.ndarray,
-    scheme: Scheme,
-    manoeuvre: Manoeuvre,
-    gear: Gear,
-    time: np.ndarray,
-    *,
-    start: Start,
-    tolerance: float,
-) -> Course:
-    """Simulation of a manoeuvre by the eighth-order method of Dormand & Prince with controlled error.
+    vessel: Vessel, manoeuvre: Manoeuvre, coefficients: np.ndarray, time: np.ndarray, start: Start, tolerance: float
+) -> tuple[np.ndarray, float]:
+    """Motion and rudder at the samples, (9, n_time), NaN after divergence, and the time of divergence [s] or NaN.
 
-    ``tolerance`` is the error of a step, relative to the state or to U, U/L, 1 rad and L where the state is smaller.
-    Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, II.10, doi:10.1007/978-3-540-78862-1.
+    Eighth-order method of Dormand & Prince; ``tolerance`` is the error of a step, relative to the state or to U, U/L,
+    1 rad and L where the state is smaller (Hairer, Norsett & Wanner 1993, II.10, doi:10.1007/978-3-540-78862-1).
     """
     from scipy.integrate import solve_ivp
 
-    hull, lanes, column = scheme.hull, lanes_at_rest(1, 1, scheme), coefficients[:, None].copy()
-    set_parts(column, scheme, lanes.work)
+    constants, rate = scheme(vessel), rudder_rate(vessel, manoeuvre)
+    hull, lanes, column = constants.hull, lanes_at_rest(1, 1, constants), coefficients[:, None].copy()
+    set_parts(column, constants, lanes.work)
     U, turn = hull.nominal_speed, hull.nominal_speed / hull.L
     smallest = tolerance * np.array([U, U, turn, turn, 1.0, 1.0, hull.L, hull.L])
     heading, switch_factor = manoeuvre.switch
     end, now, factor, switch_at = float(time[-1]), 0.0, 1.0, np.inf
     state, out = start.state.copy(), np.full((STATE_ROWS + 1, time.size), np.nan)
     lanes.inputs[0, 1:, 0] = start.others
-    rudder = _rudder_course(manoeuvre, gear.rate, factor, (now, _first_angle(manoeuvre, gear.rate)), end)
+    first_angle = 0.0 if rate < np.inf else float(manoeuvre.command(np.zeros(1))[0])
+    rudder = _rudder_course(manoeuvre, rate, factor, (now, first_angle), end)
 
     def motion(t: float, state: np.ndarray) -> np.ndarray:
-        return _rate(state, np.interp(t, *rudder), column, scheme, lanes)
+        return _rate(state, np.interp(t, *rudder), column, constants, lanes)
 
     def out_of_range(t: float, state: np.ndarray) -> float:
         return 1.0 if in_range(state[:, None], hull, 0) else -1.0
@@ -96,20 +78,15 @@ def course(
         if inside.any():
             out[:-1, inside], out[-1, inside] = solution.sol(time[inside]), np.interp(time[inside], *rudder)
         if solution.status < 0 or solution.t_events[0].size:
-            return Course(out, reached)
+            return out, reached
         if solution.status == 1:
-            switch_at = reached + gear.delay
+            switch_at = reached + vessel.particulars.rudder_delay
         now = reached
         if now >= switch_at:
             factor, switch_at = factor * switch_factor, np.inf
-            rudder = _rudder_course(manoeuvre, gear.rate, factor, (now, float(np.interp(now, *rudder))), end)
+            rudder = _rudder_course(manoeuvre, rate, factor, (now, float(np.interp(now, *rudder))), end)
     out[:-1, -1], out[-1, -1] = state, np.interp(end, *rudder)
-    return Course(out, np.nan)
-
-
-def _first_angle(manoeuvre: Manoeuvre, rate: float) -> float:
-    """Rudder angle at time 0: amidships for a gear with a rate."""
-    return float(manoeuvre.command(np.zeros(1))[0]) if rate == np.inf else 0.0
+    return out, np.nan
 
 
 def _rudder_course(

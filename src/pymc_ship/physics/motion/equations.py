@@ -1,7 +1,6 @@
 """Equations of motion in four degrees of freedom, prime: J nu_dot' = hydrodynamic + known forces.
 
-Xue et al. (2020), Eq. 1 to 5 and 9 (doi:10.1016/j.oceaneng.2019.106612); axes forward, starboard, down. Equation
-numbers below are those of docs/reference/equations.md. A lane of the arrays is one instant of one ship.
+Equation numbers are those of docs/reference/equations.md. A lane of the arrays is one instant of one ship.
 """
 
 from __future__ import annotations
@@ -43,26 +42,9 @@ STATE = channel_names(lambda channel: channel.part == "motion")
 VELOCITIES = STATE[:4]
 """Those whose rates are accelerations, one a row of the inertia matrix."""
 
-HULL = np.dtype(
-    (
-        np.record,
-        [
-            (name, float)
-            for name in (
-                "L",
-                "nominal_speed",
-                "slowest",
-                "m",
-                "x_G",
-                "z_G",
-                "volume",
-                "GM",
-                "BM",
-                *PropellerConstants._fields,
-            )
-        ],
-    )
-)
+_CONSTANTS = ("L", "nominal_speed", "slowest", "m", "x_G", "z_G", "volume", "GM", "BM", *PropellerConstants._fields)
+
+HULL = np.dtype((np.record, [(name, float) for name in _CONSTANTS]))
 """Constants of a vessel: L, U_nom, volume, GM and BM in SI units, m, x_G and z_G prime, those of the propeller.
 
 ``slowest`` is the least surge speed over U_nom. GM and BM are 0 without roll. A record keeps every division compiled.
@@ -72,10 +54,9 @@ HULL = np.dtype(
 class Scheme(NamedTuple):
     """Constants of a vessel for :func:`state_derivative`, without the coefficients.
 
-    ``hull`` is a record of :data:`HULL`; ``left`` and ``right`` (n_products,) are the multiplication plan of the terms,
-    ``rows`` and ``dof`` (n_coefficients,) the workspace row and the DOF of each coefficient, ``n_rows`` the workspace
-    rows; ``J_inverse`` (4, 4) is the inverse inertia matrix; ``program`` makes the accelerations by parts in
-    ``n_part_rows``.
+    ``hull`` is a record of :data:`HULL`; ``left``, ``right`` (n_products,) are the plan of the terms, ``rows``, ``dof``
+    (n_coefficients,) the workspace row and the DOF of each coefficient; ``J_inverse`` (4, 4) is the inverse inertia
+    matrix; ``program`` gives the accelerations by parts.
     """
 
     hull: np.record
@@ -90,11 +71,7 @@ class Scheme(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arrays that the equations of motion fill, with n_lanes columns.
-
-    ``terms`` (n_rows) is the workspace of the terms, ``speed`` is U [m/s], ``force`` (4) are the prime forces and
-    moments, ``parts`` (n_part_rows) is the workspace of the program of parts.
-    """
+    """Workspaces of terms and parts (n_rows, n_lanes), speed U [m/s] (n_lanes,), prime forces (4, n_lanes)."""
 
     terms: np.ndarray
     speed: np.ndarray

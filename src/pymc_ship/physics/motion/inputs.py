@@ -29,15 +29,9 @@ def all_inputs(inputs: np.ndarray) -> np.ndarray:
 def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     """Inputs of the equations of motion from a record, shape (4, n_time), rows of ``INPUTS`` of the forces.
 
-    Revolutions are divided by the nominal ones. If they are not measured, or the nominal ones are neither stated nor
-    free, they are those of the initial speed; if that speed is over ground, the nominal ones.
-
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        ``delta`` [rad]; ``n`` [1/s], ``wind_speed`` [m/s] and ``wind_direction`` [rad] of the true wind, if measured.
-    vessel : Vessel
-        Wind enters where it has the part "wind".
+    ``trial`` has ``delta`` [rad] and, if measured, ``n`` [1/s], ``wind_speed`` [m/s] and ``wind_direction`` [rad].
+    Revolutions that are not measured, or whose nominal ones are unknown, are those of the initial speed (or the nominal
+    ones if it is over ground).
     """
     values = all_inputs(trial["delta"].values)
     if not vessel.parts:
@@ -98,9 +92,8 @@ def steady_inputs(
 ) -> np.ndarray:
     """Constant inputs without the rudder, (3,): revolutions over the nominal ones, velocity of the air over U_nom.
 
-    ``n`` [1/s] is by default that of the approach speed [m/s]; ``wind`` and ``current`` are speed [m/s] and direction
-    [deg], from which the wind blows, to which the current sets. SimulationError for revolutions without a stated
-    propeller or above 5 times the nominal ones, wind without the part "wind", a current above the nominal speed.
+    ``n`` [1/s] is by default that of the approach speed [m/s]; the wind blows from, the current sets to its direction
+    [deg]. SimulationError for impossible revolutions, wind without the part "wind", too fast a current.
     """
     U = vessel.particulars.nominal_speed
     revolutions = approach_speed / U if n is None else _relative_revolutions(vessel, n)

@@ -1,7 +1,4 @@
-"""Derivatives of the rates by states, coefficients and parameters.
-
-Terms by forward differentiation along each state, parts by reverse differentiation of their program.
-"""
+"""Derivatives of the rates by states, coefficients and parameters: forward mode for terms, reverse mode for parts."""
 
 from __future__ import annotations
 
@@ -30,10 +27,7 @@ from pymc_ship.physics.motion.equations import (
     propeller_constants,
     state_derivative,
 )
-from pymc_ship.physics.motion.stepping import (
-    N_INPUTS,
-    STATE_ROWS,
-)
+from pymc_ship.physics.motion.stepping import N_INPUTS, STATE_ROWS
 
 INSTANTS = 32
 """Evaluations of the equations of motion that are linearised side by side."""
@@ -52,9 +46,9 @@ class Change(NamedTuple):
 class Instants(NamedTuple):
     """Evaluations of the equations of motion in the order of the integration, and the linearisation at each of them.
 
-    ``state`` and ``rate`` (8, n_instants), ``inputs`` (4, n_instants); ``f_x`` (n_states, n_states, n_instants) are the
-    derivatives by the states, ``features`` (n_instants, n_columns) the products U^2 term, ``gain`` (4, n_columns) the
-    accelerations by a feature of 1, ``by_parts`` (4, n_instants, n_columns) those by the parameters of parts.
+    ``f_x`` (n_states, n_states, n_instants) are the derivatives by the states, ``features`` (n_instants, n_columns) the
+    products U^2 term, ``gain`` (4, n_columns) the accelerations by a feature of 1, ``by_parts`` (4, n_instants,
+    n_columns) the derivatives by the parameters of parts.
     """
 
     state: np.ndarray

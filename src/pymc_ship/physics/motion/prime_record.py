@@ -14,21 +14,18 @@ from pymc_ship.trial.record import check_trial
 
 
 def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
-    """Prime motion, speed U [m/s] and known forces at every instant of a record.
+    """Prime motion by symbol of the terms, speed U [m/s] and known forces (4, n_time) at every instant of a record.
 
     The record has u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls. The motion has
-    the prime symbols of the terms, ``g`` and ``T`` where the vessel states its propeller; the known forces (4, n_time)
-    are F1, F2, M1, M2 without their hydrodynamic part.
+    ``g`` and ``T`` where the vessel states its propeller.
     """
     n_time = record["u"].size
     state = np.zeros((len(STATE), n_time))
     for row, name in enumerate(STATE[:5]):
         if name in record:
             state[row] = record[name]
-    work, constants = (
-        Work(np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time)), np.empty((0, n_time))),
-        scheme(vessel),
-    )
+    constants = scheme(vessel)
+    work = Work(np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time)), np.empty((0, n_time)))
     prime_motion(state, record["delta"], constants, work)
     known_forces(state, constants, work)
     motion = dict(zip(SYMBOLS, work.terms[ROW_SYMBOL:ROW_ABSOLUTE], strict=True))
@@ -38,10 +35,7 @@ def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict[st
 
 
 def motion_record(trial: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:
-    """Channels of a trial that a vessel's equations of motion need, each (n_time,).
-
-    TrialError for missing channels, NaN, or time that is not uniform.
-    """
+    """Channels of a trial that a vessel's equations of motion need, each (n_time,); TrialError if they are unusable."""
     names = (*STATE[:3], "delta", *(STATE[3:5] if "roll" in vessel.dofs else ()))
     check_trial(trial, names)
     return {name: np.ascontiguousarray(trial[name].values, dtype=float) for name in names}

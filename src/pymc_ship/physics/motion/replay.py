@@ -13,7 +13,7 @@ from pymc_ship.physics.motion.stepping import (
     LANES,
     METHODS,
     N_INPUTS,
-    Integration,
+    Record,
     advance_along,
     integration,
     lanes_at_rest,
@@ -23,21 +23,14 @@ from pymc_ship.physics.vessel.vessel import Vessel
 
 
 @njit(**KERNEL)
-def _replay(
-    coefficients: np.ndarray,
-    scheme: Scheme,
-    initial: np.ndarray,
-    record: np.ndarray,
-    integration: Integration,
-    out: np.ndarray,
-) -> None:
+def _replay(coefficients: np.ndarray, scheme: Scheme, initial: np.ndarray, record: Record, out: np.ndarray) -> None:
     """Integrate the lanes along a record of inputs; write block means to ``out`` (n_states, n_lanes, n_blocks)."""
     n_states, n_lanes, n_blocks = out.shape
-    block, substeps, n_time = record.shape[1] // n_blocks, integration.substeps, record.shape[1]
-    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme)
+    values, block, substeps, n_time = record.inputs, record.block, record.integration.substeps, record.inputs.shape[1]
+    lanes = lanes_at_rest(n_lanes, record.integration.stages.shape[0], scheme)
     set_parts(coefficients, scheme, lanes.work)
     lanes.state[:n_states] = initial
-    inputs, following = np.empty((record.shape[0], n_lanes)), np.empty((record.shape[0], n_lanes))
+    inputs, following = np.empty((values.shape[0], n_lanes)), np.empty((values.shape[0], n_lanes))
     diverged = np.full(n_lanes, -1)
     for k in range(n_blocks * block):
         if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
@@ -46,11 +39,11 @@ def _replay(
             for lane in range(n_lanes):
                 out[row, lane, k // block] += lanes.state[row, lane] / block
         for part in range(substeps):
-            for row in range(record.shape[0]):
-                change = (record[row, min(k + 1, n_time - 1)] - record[row, k]) / substeps
-                inputs[row] = record[row, k] + part * change
-                following[row] = record[row, k] + (part + 1) * change
-            advance_along(lanes, inputs, following, coefficients, scheme, integration)
+            for row in range(values.shape[0]):
+                change = (values[row, min(k + 1, n_time - 1)] - values[row, k]) / substeps
+                inputs[row] = values[row, k] + part * change
+                following[row] = values[row, k] + (part + 1) * change
+            advance_along(lanes, inputs, following, coefficients, scheme, record.integration)
     for lane in range(n_lanes):
         if diverged[lane] >= 0:
             out[:, lane] = np.nan
@@ -73,7 +66,7 @@ def replay(
     ----------
     vessel : Vessel
     inputs : array_like, shape (n_time,) or (4, n_time)
-        Rudder angle at the samples [rad], linear between them; or all inputs, see :func:`.recorded_inputs`.
+        Rudder angle [rad], linear between samples; or all inputs, see :func:`.recorded_inputs`.
     initial_state : array_like, shape (n_draws, n_states)
         The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m].
     coefficients : array_like, shape (n_draws, n_coefficients)
@@ -92,21 +85,21 @@ def replay(
     Raises
     ------
     SimulationError
-        For an unknown method, arrays of the wrong shape, counts below one or a record shorter than one block.
+        For an unknown method, a wrong shape, counts below one or a record shorter than one block.
     """
-    record = all_inputs(inputs)
-    draws = np.atleast_2d(np.asarray(coefficients, dtype=float))
+    values, draws = all_inputs(inputs), np.atleast_2d(np.asarray(coefficients, dtype=float))
     initial = np.atleast_2d(np.asarray(initial_state, dtype=float))
-    check_replay(vessel, record, initial[0], draws[0], interval=interval, method=method, substeps=substeps, block=block)
+    check_replay(vessel, (draws[0], initial[0], values), interval, method, substeps, block)
     if len(initial) != len(draws):
         raise SimulationError(f"Each draw has its initial state, found {len(draws)} and {len(initial)}; match them.")
-    out = np.zeros((initial.shape[1], len(draws), record.shape[1] // block))
-    equations, steps = scheme(vessel), integration(method, interval * (1.0 / substeps), substeps)
+    record = Record(values, integration(method, interval * (1.0 / substeps), substeps), int(block))
+    equations = scheme(vessel)
+    out = np.zeros((initial.shape[1], len(draws), values.shape[1] // block))
     blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
     def run(lanes: slice) -> None:
-        coefficients, states = (np.ascontiguousarray(values[lanes].T) for values in (draws, initial))
-        _replay(coefficients, equations, states, record, steps, out[:, lanes])
+        coefficients, states = (np.ascontiguousarray(rows[lanes].T) for rows in (draws, initial))
+        _replay(coefficients, equations, states, record, out[:, lanes])
 
     with thread_pool(len(blocks)) as pool:
         list(pool.map(run, blocks))
@@ -114,25 +107,17 @@ def replay(
 
 
 def check_replay(
-    vessel: Vessel,
-    inputs: np.ndarray,
-    initial_state: np.ndarray,
-    coefficients: np.ndarray,
-    *,
-    interval: float,
-    method: str,
-    substeps: int,
-    block: int,
+    vessel: Vessel, arrays: tuple[np.ndarray, ...], interval: float, method: str, substeps: int, block: int
 ) -> None:
-    """Raise SimulationError for invalid arguments of :func:`replay`."""
+    """Raise SimulationError unless coefficients, initial state, inputs and settings suit an open-loop simulation."""
     n_coefficients = sum(map(len, vessel.forces.values())) + len(vessel.parameters)
-    shapes = coefficients.shape, initial_state.shape, inputs.shape
+    shapes = [array.shape for array in arrays]
     if shapes[0] != (n_coefficients,) or shapes[1] not in ((5,), (6,), (8,)) or shapes[2][0] != N_INPUTS:
         raise SimulationError(
             f"A replay needs {n_coefficients} coefficients, 5, 6 or 8 initial states and inputs of shape (time,) or "
             f"(4, time), found shapes {', '.join(map(str, shapes))}; reshape them."
         )
-    if method not in METHODS or substeps < 1 or not 1 <= block <= inputs.shape[1] or not 0.0 < interval < np.inf:
+    if method not in METHODS or substeps < 1 or not 1 <= block <= shapes[2][1] or not 0.0 < interval < np.inf:
         raise SimulationError(
             f"A replay needs a method of {', '.join(METHODS)}, a positive interval, substeps from 1 and a block from 1 "
             f"to the record's length, found {method!r}, {interval}, {substeps} and {block}; correct them."

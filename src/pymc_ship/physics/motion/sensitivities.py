@@ -1,7 +1,4 @@
-"""Forward sensitivities: derivatives of the simulated motion by coefficients and initial state.
-
-With x' = f(x, delta; theta), S = dx/d(theta, x_0) obeys S' = f_x S + f_theta; one integrator makes S exact.
-"""
+"""Forward sensitivities S = dx/d(theta, x_0) of the simulated motion x' = f(x, delta; theta): S' = f_x S + f_theta."""
 
 from __future__ import annotations
 
@@ -15,8 +12,8 @@ from pymc_ship.physics.motion.inputs import all_inputs
 from pymc_ship.physics.motion.linearisation import INSTANTS, Instants, forcing_gain, instants_of, linearise
 from pymc_ship.physics.motion.replay import check_replay
 from pymc_ship.physics.motion.stepping import (
-    Integration,
     Lanes,
+    Record,
     add,
     advance,
     copy,
@@ -27,14 +24,6 @@ from pymc_ship.physics.motion.stepping import (
 )
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import reference_coefficients
-
-
-class Record(NamedTuple):
-    """Inputs (4, n_time) of a record, how it is integrated, and ``block``, the samples averaged into one."""
-
-    inputs: np.ndarray
-    integration: Integration
-    block: int
 
 
 class Tangents(NamedTuple):
@@ -138,33 +127,28 @@ def _follow(tangents: Tangents, record: Record, steps: tuple[int, int], instants
 
 @njit(**KERNEL)
 def _integrate(
-    coefficients: np.ndarray,
-    scheme: Scheme,
-    initial: np.ndarray,
-    record: Record,
-    motion: np.ndarray,
-    jacobian: np.ndarray,
+    theta: np.ndarray, scheme: Scheme, initial: np.ndarray, record: Record, motion: np.ndarray, jacobian: np.ndarray
 ) -> bool:
-    """Integrate along a rudder record; write block means of states and sensitivities; False when the ship diverged."""
+    """Integrate along a record; write block means of states and sensitivities; False if the ship diverges."""
     n_states, n_blocks, n_columns = jacobian.shape
-    n_coefficients, n_stages = coefficients.shape[0], record.integration.stages.shape[0]
+    n_coefficients, n_stages = theta.shape[0], record.integration.stages.shape[0]
     gain = forcing_gain(scheme, -(-n_columns // 16) * 16)
     ship, S = lanes_at_rest(1, n_stages, scheme), np.zeros((n_states, gain.shape[1]))
     for k in range(n_states):
         ship.state[k, 0], S[k, n_coefficients + k] = initial[k], 1.0
     many = np.empty((n_coefficients, INSTANTS))
     for j in range(n_coefficients):
-        many[j] = coefficients[j, 0]
+        many[j] = theta[j, 0]
     instants = instants_of(n_states, scheme, gain)
     work, tangent = workspace(INSTANTS, scheme), workspace(INSTANTS, scheme)
-    set_parts(coefficients, scheme, ship.work)
+    set_parts(theta, scheme, ship.work)
     set_parts(many, scheme, work)
     tangents = Tangents(S, np.empty(S.shape), np.empty(S.shape), np.empty(S.shape), np.zeros(S.shape))
     motion[:] = 0.0
     n_steps, stride = n_blocks * record.block * record.integration.substeps, INSTANTS // n_stages
     for begin in range(0, n_steps, stride):
         steps = (begin, min(begin + stride, n_steps))
-        if not _march(ship, coefficients, scheme, record, steps, instants):
+        if not _march(ship, theta, scheme, record, steps, instants):
             return False
         _add_samples(instants, record, steps, motion)
         linearise(instants, many, scheme, work, tangent)
@@ -187,9 +171,8 @@ def sensitivities(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motion along a record of inputs and its exact derivatives by the coefficients and the initial state.
 
-    Parameters as of :func:`pymc_ship.physics.motion.replay.replay`, for one ship; ``coefficients`` are by default the
-    vessel's reference values. SimulationError for an unknown method, a wrong shape, counts below one, too short a
-    record.
+    Parameters and errors as of :func:`pymc_ship.physics.motion.replay.replay`, for one ship; ``coefficients`` are by
+    default the vessel's reference values.
 
     Returns
     -------
@@ -209,10 +192,9 @@ def sensitivities(
     >>> motion.shape, jacobian.shape
     ((5, 600), (5, 600, 34))
     """
-    vessel, initial = as_vessel(vessel), np.array(initial_state, dtype=float)
-    inputs = all_inputs(inputs)
+    vessel, initial, inputs = as_vessel(vessel), np.array(initial_state, dtype=float), all_inputs(inputs)
     theta = reference_coefficients(vessel) if coefficients is None else np.array(coefficients, dtype=float)
-    check_replay(vessel, inputs, initial, theta, interval=interval, method=method, substeps=substeps, block=block)
+    check_replay(vessel, (theta, initial, inputs), interval, method, substeps, block)
     record = Record(inputs, integration(method, interval / substeps, substeps), int(block))
     motion = np.empty((initial.size, inputs.shape[1] // block))
     jacobian = np.empty((*motion.shape, theta.size + initial.size))

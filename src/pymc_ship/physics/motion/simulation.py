@@ -13,7 +13,7 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
-from pymc_ship.physics.motion.controlled import Gear, Start, course
+from pymc_ship.physics.motion.controlled import Start, course
 from pymc_ship.physics.motion.equations import KERNEL, PART, Scheme, scheme, set_parts
 from pymc_ship.physics.motion.inputs import steady_inputs, velocity
 from pymc_ship.physics.motion.stepping import (
@@ -37,15 +37,13 @@ INTEGRATORS = (*METHODS, "dop853")
 
 
 class Steering(NamedTuple):
-    """Steering of a simulation: the ``command`` (n_steps,) [rad], the steering gear and the switching heading.
+    """Steering of a simulation: the ``command`` (n_steps,) [rad] and the largest movement in a step, ``travel`` [rad].
 
-    ``travel`` [rad] is the largest movement in a step. ``delay`` steps after a change of heading by ``heading`` [rad],
-    the command is multiplied by ``factor``: within a step if ``within`` is 1, else at the begin of the next. ``others``
-    (3,) are the constant inputs.
+    ``delay`` steps after a change of heading by ``heading`` [rad], the command is multiplied by ``factor``: within a
+    step if ``within`` is 1, else at the begin of the next.
     """
 
     command: np.ndarray
-    others: np.ndarray
     travel: float
     heading: float
     factor: float
@@ -54,10 +52,9 @@ class Steering(NamedTuple):
 
 
 class Rudder(NamedTuple):
-    """State of the rudders, each array of shape (n_lanes,).
+    """State of the rudders, (n_lanes,): angles [rad] at begin and end of a step, factor on the command.
 
-    ``delta`` and ``following`` [rad] are the angle at begin and end of a step, ``factor`` that on the command,
-    ``waiting`` the steps until the next switch, ``psi`` [rad] the heading one step earlier.
+    ``waiting`` are the steps until the next switch, ``psi`` [rad] is the heading one step earlier.
     """
 
     delta: np.ndarray
@@ -93,37 +90,32 @@ def _steer(steering: Steering, psi: np.ndarray, command: float, rudder: Rudder) 
 
 @njit(**KERNEL)
 def _integrate(
-    coefficients: np.ndarray,
-    scheme: Scheme,
-    initial: np.ndarray,
-    steering: Steering,
-    integration: Integration,
-    out: np.ndarray,
+    coefficients: np.ndarray, scheme: Scheme, start: Start, steering: Steering, steps: Integration, out: np.ndarray
 ) -> np.ndarray:
     """Integrate the lanes; write samples to ``out`` (9, n_lanes, n_saved), return the steps at which they diverged."""
     n_lanes, command = coefficients.shape[1], steering.command
-    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme)
+    lanes = lanes_at_rest(n_lanes, steps.stages.shape[0], scheme)
     set_parts(coefficients, scheme, lanes.work)
-    for row in range(initial.size):
-        lanes.state[row] = initial[row]
+    for row in range(start.state.size):
+        lanes.state[row] = start.state[row]
     inputs, following = np.zeros((N_INPUTS, n_lanes)), np.zeros((N_INPUTS, n_lanes))
     inputs[0] = command[0] if steering.travel == np.inf else 0.0
-    for row in range(steering.others.size):
-        inputs[1 + row], following[1 + row] = steering.others[row], steering.others[row]
+    for row in range(start.others.size):
+        inputs[1 + row], following[1 + row] = start.others[row], start.others[row]
     delta = inputs[0]
     rudder = Rudder(delta, following[0], np.ones(n_lanes), np.full(n_lanes, np.inf), lanes.state[5].copy())
     diverged = np.full(n_lanes, -1)
     for k in range(command.size):
         if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
             break
-        if k % integration.substeps == 0:
+        if k % steps.substeps == 0:
             for lane in range(n_lanes):
                 if diverged[lane] < 0:
-                    out[:-1, lane, k // integration.substeps] = lanes.state[:, lane]
-                    out[-1, lane, k // integration.substeps] = delta[lane]
+                    out[:-1, lane, k // steps.substeps] = lanes.state[:, lane]
+                    out[-1, lane, k // steps.substeps] = delta[lane]
         ahead = command[min(k + 1, command.size - 1)] if steering.travel == np.inf else command[k]
         _steer(steering, lanes.state[5], ahead, rudder)
-        advance_along(lanes, inputs, following, coefficients, scheme, integration)
+        advance_along(lanes, inputs, following, coefficients, scheme, steps)
         delta[:] = rudder.following
     return diverged
 
@@ -181,8 +173,7 @@ def simulate(
     ------
     SimulationError
         For an unknown method, a step, duration or tolerance that is not positive, an interval that is no multiple of
-        the step, coefficients or an initial state of the wrong shape, revolutions of a ship without parts, or wind on a
-        ship without the part "wind".
+        the step, wrong shapes, or revolutions or wind on a ship without such parts.
 
     References
     ----------
@@ -205,7 +196,7 @@ def simulate(
     if draws.ndim != 2 or draws.shape[1] != reference.size or not draws.size:
         raise SimulationError(f"Coefficients have shape (draws, {reference.size}), found {draws.shape}; reorder them.")
     time = np.arange(0, n_steps, stride) * step
-    speed = _approach_speed(vessel, manoeuvre)
+    speed = float(manoeuvre.approach_speed or vessel.particulars.nominal_speed)
     start = Start(_initial_state(initial_state, speed), steady_inputs(vessel, speed, n=n, wind=wind, current=current))
     if method == "dop853":
         out, diverged_at = _controlled(vessel, manoeuvre, draws, time, start, tolerance)
@@ -213,9 +204,17 @@ def simulate(
         out, diverged_at = _stepped(vessel, manoeuvre, draws, integration(method, step, stride), n_steps, start)
     for row, drift in zip(out[-3:-1], velocity(current), strict=True):
         row += drift * time
-    attrs = _attrs(vessel, manoeuvre, step=step, method=method, **_surroundings(n, wind, current))
-    if method == "dop853":
-        attrs["tolerance"] = tolerance
+    attrs = {
+        "vessel": vessel.name,
+        **manoeuvre.attrs,
+        "approach_speed": speed,
+        "rudder_delay": vessel.particulars.rudder_delay,
+        "dofs": " ".join(vessel.dofs),
+        "step": step,
+        "method": method,
+        **_surroundings(n, wind, current),
+        **({"tolerance": tolerance} if method == "dop853" else {}),
+    }
     return _dataset(out, time, diverged_at, attrs, coefficients is None)
 
 
@@ -224,12 +223,12 @@ def _stepped(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Samples (9, n_draws, n_saved) of ships side by side by steps of one length, and when each diverged [s]."""
     out = np.full((len(SIMULATED), len(draws), -(-n_steps // steps.substeps)), np.nan)
-    equations, steering = scheme(vessel), _steering(vessel, manoeuvre, n_steps, steps, start.others)
+    equations, steering = scheme(vessel), _steering(vessel, manoeuvre, n_steps, steps)
     blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
     def run(lanes: slice) -> np.ndarray:
         coefficients = np.ascontiguousarray(draws[lanes].T)
-        return _integrate(coefficients, equations, start.state, steering, steps, out[:, lanes])
+        return _integrate(coefficients, equations, start, steering, steps, out[:, lanes])
 
     with thread_pool(len(blocks)) as pool:
         diverged = np.concatenate(list(pool.map(run, blocks)))
@@ -242,9 +241,8 @@ def _controlled(
     """The same with controlled error, one draw after the other."""
     if not 1e-13 <= tolerance < 1.0:
         raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {tolerance}; correct it.")
-    gear = Gear(rudder_rate(vessel, manoeuvre), vessel.particulars.rudder_delay)
-    runs = [course(one, scheme(vessel), manoeuvre, gear, time, start=start, tolerance=tolerance) for one in draws]
-    return np.stack([run.samples for run in runs], axis=1), np.array([run.diverged_at for run in runs])
+    runs = [course(vessel, manoeuvre, draw, time, start, tolerance) for draw in draws]
+    return np.stack([samples for samples, _ in runs], axis=1), np.array([diverged_at for _, diverged_at in runs])
 
 
 def _grid(duration: float, step: float, record_interval: float | None, method: str) -> tuple[int, int]:
@@ -263,13 +261,12 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
     return round(duration / step), stride
 
 
-def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integration, others: np.ndarray) -> Steering:
+def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integration) -> Steering:
     """Steering of a vessel in a manoeuvre; Euler switches the rudder between steps only."""
     heading, factor = manoeuvre.switch
     delay, within = vessel.particulars.rudder_delay / steps.step, len(steps.stages) > 1
     return Steering(
         command=manoeuvre.command(np.arange(n_steps) * steps.step),
-        others=others,
         travel=rudder_rate(vessel, manoeuvre) * steps.step,
         heading=float(heading),
         factor=float(factor),
@@ -278,19 +275,10 @@ def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integra
     )
 
 
-def _approach_speed(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
-    """Speed at time 0 [m/s]."""
-    return float(manoeuvre.approach_speed or vessel.particulars.nominal_speed)
-
-
 def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:
     """State at time 0, (8,)."""
-    state = np.zeros(STATE_ROWS)
-    state[0] = speed
-    if given is None:
-        return state
-    initial = np.asarray(given, dtype=float)
-    if initial.shape != state.shape or not np.isfinite(initial).all():
+    initial = np.asarray([speed, *[0.0] * (STATE_ROWS - 1)] if given is None else given, dtype=float)
+    if initial.shape != (STATE_ROWS,) or not np.isfinite(initial).all():
         raise SimulationError(
             f"An initial state has 8 numbers, u, v, r, p, phi, psi, x and y, found {initial.tolist()}; correct it."
         )
@@ -305,17 +293,6 @@ def _surroundings(
     for name, given in (("wind", wind), ("current", current)):
         settings |= {} if given is None else {f"{name}_speed": float(given[0]), f"{name}_direction": float(given[1])}
     return settings
-
-
-def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, **settings: float | str) -> dict[str, Any]:
-    return {
-        "vessel": vessel.name,
-        **manoeuvre.attrs,
-        "approach_speed": _approach_speed(vessel, manoeuvre),
-        "rudder_delay": vessel.particulars.rudder_delay,
-        "dofs": " ".join(vessel.dofs),
-        **settings,
-    }
 
 
 def _dataset(

@@ -9,16 +9,14 @@ from pymc_ship.physics.motion.equations import STATE, scheme, set_parts, state_d
 from pymc_ship.physics.motion.inputs import all_inputs
 from pymc_ship.physics.vessel.vessel import Vessel
 
-_DIFFERENCE = 1e-6
-"""Half width of the central differences, prime values."""
+_DIFFERENCE = 1e-6  # half width of the central differences, prime values
 
 
 def growth_rates(vessel: Vessel, coefficients: np.ndarray, speed: float) -> np.ndarray:
     """Largest real part of the eigenvalues of the linear motion about a straight course, for each draw, in U/L.
 
-    Linear in v and r (p and phi where the vessel rolls) at zero rudder and ``speed`` [m/s]; positive for an unstable
-    course, infinite where an acceleration is not finite. Without roll a ship is stable where
-    Yv' (Nr' - m' x_G') - Nv' (Yr' - m') > 0 (Abkowitz 1964, Hydro- og Aerodynamisk Laboratorium, report Hy-5).
+    At zero rudder and ``speed`` [m/s]; positive for an unstable course, infinite for an infinite acceleration. Without
+    roll a ship is stable where Yv' (Nr' - m' x_G') - Nv' (Yr' - m') > 0 (Abkowitz 1964, report Hy-5).
     """
     rolls = "roll" in vessel.dofs
     disturbed = [STATE.index(name) for name in (("v", "r", "p", "phi") if rolls else ("v", "r"))]

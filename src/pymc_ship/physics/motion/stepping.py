@@ -9,30 +9,16 @@ from numba import njit
 
 from pymc_ship.physics.forces.part import INPUTS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.motion.equations import (
-    INLINED,
-    KERNEL,
-    PART,
-    STATE,
-    Scheme,
-    Work,
-    state_derivative,
-    workspace,
-)
+from pymc_ship.physics.motion.equations import INLINED, KERNEL, PART, STATE, Scheme, Work, state_derivative, workspace
 from pymc_ship.physics.vessel.vessel import Vessel
 
 METHODS = ("euler", "rk4")
 """Integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta."""
 
-STATE_ROWS = len(STATE)
+STATE_ROWS, N_INPUTS = len(STATE), len(INPUTS)
 
-N_INPUTS = len(INPUTS)
-
-STEPS = 240
-"""Integration steps per L/U, see :func:`simulation_settings`."""
-
-RECORDED = 4
-"""Integration steps per sample, see :func:`simulation_settings`."""
+STEPS, RECORDED = 240, 4
+"""Integration steps per L/U and per sample of :func:`simulation_settings`."""
 
 LANES = 16
 """Draws integrated by one kernel call."""
@@ -44,9 +30,9 @@ _STAGES = {
 
 
 class Integration(NamedTuple):
-    """How a motion is integrated: ``step`` [s], and the ``substeps`` from one sample to the next.
+    """How a motion is integrated: ``step`` [s], ``substeps`` from one sample to the next, stages of the method.
 
-    ``stages`` (n_stages, 2) are the fraction of the step and the weight of each stage of the method.
+    ``stages`` (n_stages, 2) are the fraction of the step and the weight of each stage.
     """
 
     stages: np.ndarray
@@ -54,11 +40,19 @@ class Integration(NamedTuple):
     substeps: int
 
 
-class Lanes(NamedTuple):
-    """States and workspace of the draws in one kernel call.
+class Record(NamedTuple):
+    """Inputs (4, n_time) of a record, how it is integrated, and ``block``, the samples averaged into one."""
 
-    ``state`` (8, n_lanes); ``inner`` (n_stages, 8, n_lanes) and ``inputs`` (n_stages, 4, n_lanes), at which the
-    equations of motion are evaluated; their result ``rate`` (8, n_lanes).
+    inputs: np.ndarray
+    integration: Integration
+    block: int
+
+
+class Lanes(NamedTuple):
+    """States (8, n_lanes) and workspace of the draws in one kernel call.
+
+    The equations of motion give ``rate`` (8, n_lanes) at ``inner`` (n_stages, 8, n_lanes) and ``inputs`` (n_stages, 4,
+    n_lanes).
     """
 
     state: np.ndarray
@@ -154,21 +148,16 @@ def mark_divergence(state: np.ndarray, hull: np.record, step: int, diverged: np.
 
 @njit(**INLINED)
 def advance_along(
-    lanes: Lanes,
-    inputs: np.ndarray,
-    following: np.ndarray,
-    coefficients: np.ndarray,
-    scheme: Scheme,
-    integration: Integration,
+    lanes: Lanes, inputs: np.ndarray, following: np.ndarray, theta: np.ndarray, scheme: Scheme, steps: Integration
 ) -> None:
     """One step while the inputs (4, n_lanes) move from one value to another."""
-    for stage in range(integration.stages.shape[0]):
-        fraction = integration.stages[stage, 0]
+    for stage in range(steps.stages.shape[0]):
+        fraction = steps.stages[stage, 0]
         for row in range(inputs.shape[0]):
             for lane in range(inputs.shape[1]):
                 change = following[row, lane] - inputs[row, lane]
                 lanes.inputs[stage, row, lane] = inputs[row, lane] + fraction * change
-    advance(lanes, coefficients, scheme, integration)
+    advance(lanes, theta, scheme, steps)
 
 
 def simulation_settings(vessel: Vessel) -> dict[str, Any]:
