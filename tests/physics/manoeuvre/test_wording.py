@@ -139,6 +139,5 @@ test_manoeuvre_errors = wording(
 )
 
 test_monte_carlo_errors = wording(
-    ps.StudyError,
-    ("'turning circle 35', 'pull out 20/90' or one of them with its side", a_grid_with_another_manoeuvre),
+    ps.StudyError, ("'turning circle 35', 'pull out 20/90' or one of them with its side", a_grid_with_another_manoeuvre)
 )

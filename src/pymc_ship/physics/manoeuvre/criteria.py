@@ -24,24 +24,17 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     tree : DataTree
         From :func:`pymc_ship.forecast`; its attr ``calibration_cap``, if any, bounds the probabilities.
     vessel : Vessel, str or Path
-        Gives L; the speed is the approach speed of the manoeuvre.
+        Gives L.
 
     Returns
     -------
     list of dict
         ``criterion``, ``limit``, ``units`` (deg or L), ``median``, ``lower``, ``upper``, ``probability``,
-        ``standard_error`` (binomial), ``not_reached`` (fraction of draws that diverged or did not reach the event),
-        ``conformity`` (passes, open or fails) and ``verdict``, one sentence. A draw that diverged or does not reach the
-        event counts as not passing. Empty if no criterion applies.
-
-    References
-    ----------
-    IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76).
+        ``standard_error`` (binomial), ``not_reached`` (fraction of draws that diverge or do not reach the event, which
+        counts as not passing), ``conformity`` (passes, open or fails) and ``verdict``, one sentence.
 
     Examples
     --------
-    A turning circle, forecast from a zigzag:
-
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
@@ -54,28 +47,23 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     advance passes 1.0
     tactical diameter passes 1.0
     """
-    vessel = as_vessel(vessel)
     if "indices" not in tree.children:
         return []
     index_draws, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
     running = ~tree["trajectories"].to_dataset()["diverged"].values
-    calibration_cap = tree.attrs.get("calibration_cap", 1.0)
+    cap = tree.attrs.get("calibration_cap", 1.0)
     rows = []
-    for name, limit, unit, units in imo_limits(index_draws.attrs, vessel):
+    for row, name, unit in _applicable_criteria(index_draws.attrs, as_vessel(vessel)):
         values = index_draws[name].values / unit
         reached = running & np.isfinite(values)
-        probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - calibration_cap, calibration_cap))
-        row = {"criterion": name.replace("_", " "), "limit": limit, "units": units}
+        probability = float(np.clip(np.mean(reached & (values <= row["limit"])), 1.0 - cap, cap))
+        passes, fails = probability >= CONFORMANCE_PROBABILITY, probability <= 1.0 - CONFORMANCE_PROBABILITY
         row |= {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}
         row |= {
             "probability": probability,
             "standard_error": float(np.sqrt(probability * (1.0 - probability) / values.size)),
             "not_reached": float(np.mean(~reached)),
-            "conformity": "passes"
-            if probability >= CONFORMANCE_PROBABILITY
-            else "fails"
-            if probability <= 1.0 - CONFORMANCE_PROBABILITY
-            else "open",
+            "conformity": "passes" if passes else "fails" if fails else "open",
         }
         rows.append(row | {"verdict": _sentence(row)})
     return rows
@@ -103,11 +91,7 @@ def _sentence(row: dict[str, Any]) -> str:
 
 
 def imo_limits(attrs: Mapping[str, Any], vessel: Vessel) -> list[tuple[str, float, float, str]]:
-    """Limits of IMO MSC.137(76) that apply to a manoeuvre: index, limit, size and name of its unit.
-
-    ``attrs`` as :func:`pymc_ship.simulate` and :func:`indices` write them; by default nominal speed and hard-over
-    rudder.
-    """
+    """Limits of IMO MSC.137(76) for a manoeuvre with these attrs: index, limit, size and name of its unit."""
     L = vessel.particulars.L
     ratio = L / attrs.get("approach_speed", vessel.particulars.nominal_speed)
     limits = kind_named(attrs["manoeuvre"]).limits(attrs, ratio)
@@ -122,7 +106,6 @@ def imo_criteria(measured: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any
     measured : Dataset, dims ()
         From :func:`indices` of a 10/10 or 20/20 zigzag or of a turning circle at 35 deg or more.
     vessel : Vessel, str or Path
-        Gives L; the speed is the approach speed of the trial.
 
     Returns
     -------
@@ -140,11 +123,17 @@ def imo_criteria(measured: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any
     advance: 3.14 L, limit 4.5: True
     tactical diameter: 3.61 L, limit 5.0: True
     """
-    vessel = as_vessel(vessel)
     rows = []
-    for name, limit, unit, units in imo_limits(measured.attrs, vessel):
+    for row, name, unit in _applicable_criteria(measured.attrs, as_vessel(vessel)):
         value = float(measured[name]) / unit
-        passed = bool(value <= limit) if np.isfinite(value) else None
-        criterion = name.replace("_", " ")
-        rows.append({"criterion": criterion, "value": value, "limit": limit, "units": units, "passed": passed})
+        passed = bool(value <= row["limit"]) if np.isfinite(value) else None
+        rows.append({"criterion": row["criterion"], "value": value, **row, "passed": passed})
     return rows
+
+
+def _applicable_criteria(attrs: Mapping[str, Any], vessel: Vessel) -> list[tuple[dict[str, Any], str, float]]:
+    """Criterion, limit and units of each applicable criterion, the name of its index and the size of its unit."""
+    return [
+        ({"criterion": name.replace("_", " "), "limit": limit, "units": units}, name, unit)
+        for name, limit, unit, units in imo_limits(attrs, vessel)
+    ]

@@ -40,10 +40,7 @@ class Record:
         return a + s * (b + s * (c + s * d))
 
     def crossing(self, level: float, sign: float, after: float = -np.inf) -> float:
-        """First time after ``after`` at which sign * psi rises through ``level``; NaN where it does not.
-
-        Of the crossings of a noisy heading before it turns back, the middle one counts.
-        """
+        """First time after ``after`` when sign * psi rises through ``level`` (middle of noisy crossings), or NaN."""
         k0 = max(int(np.searchsorted(self.time, after, side="right")) - 1, 0)
         ahead = sign * self.motion["psi"][k0:] >= level
         crossed = k0 + np.flatnonzero(ahead[1:] != ahead[:-1])
@@ -57,10 +54,7 @@ class Record:
         return self._root(k, lambda a: (a[0] - sign * level, *a[1:]), after)
 
     def peak(self, after: float) -> float:
-        """First time after ``after`` at which the heading turns back; NaN where it does not.
-
-        Of the sign changes of a noisy yaw rate, the one at which its integral is largest counts.
-        """
+        """First time after ``after`` at which the heading turns back (largest integral of the yaw rate), or NaN."""
         k0 = max(int(np.searchsorted(self.time, after, side="right")) - 1, 0)
         k = self._turned(k0, np.sign(self.psi_dot[k0 : k0 + 2].sum()))
         if k >= self.time.size - 1:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import xarray as xr
 
@@ -17,7 +14,7 @@ from pymc_ship.trial.record import as_trial, check_trial
 
 
 def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
-    """Manoeuvring indices of a trial or of a batch of simulated ships.
+    """Manoeuvring indices of a trial or of a batch of simulated ships, as of IMO resolution MSC.137(76).
 
     Parameters
     ----------
@@ -32,16 +29,12 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     -------
     Dataset, dims () or (draw,)
         Indices of the kind [deg, s, m, m/s, deg/s]; NaN where the record does not reach the event or diverged.
-        Overshoots count beyond the switching heading. Where ``attrs["dofs"]`` lacks roll, its indices are left out.
+        Overshoots count beyond the switching heading. Indices of roll are left out where ``attrs["dofs"]`` lacks it.
 
     Raises
     ------
     TrialError
         For another manoeuvre, missing channels or missing attrs.
-
-    References
-    ----------
-    IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76).
 
     Examples
     --------
@@ -64,12 +57,10 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     channels = ("u", "v", "r", "phi", "psi", "x", "y")
     check_trial(_before_divergence(trial.isel(draw=0, missing_dims="ignore")), channels, uniform=False)
     runs = trial if "draw" in trial.dims else trial.expand_dims("draw")
-    records = {name: runs[name].transpose("draw", "time").values for name in channels}
-    time = runs["time"].values
-    ships = [
-        Record(time, {name: record[draw] for name, record in records.items()}) for draw in range(runs.sizes["draw"])
-    ]
-    modelled = {name: index for name, index in kind.indices.items() if _modelled(index, trial.attrs)}
+    records = zip(*(runs[name].transpose("draw", "time").values for name in channels), strict=True)
+    ships = [Record(runs["time"].values, dict(zip(channels, record, strict=True))) for record in records]
+    rolls = "roll" in trial.attrs.get("dofs", "roll").split()
+    modelled = {name: index for name, index in kind.indices.items() if rolls or not needs_roll(index)}
     rows = [kind.measure(ship, trial.attrs) if ship.time.size > 1 else {} for ship in ships]
     values = np.array([[row.get(name, np.nan) for name in modelled] for row in rows])
     table = xr.Dataset(
@@ -77,11 +68,6 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
         attrs={**trial.attrs, "manoeuvre": kind.name},
     )
     return table.assign_coords(draw=runs["draw"]) if "draw" in trial.dims else table.isel(draw=0)
-
-
-def _modelled(index: Index, attrs: Mapping[str, Any]) -> bool:
-    """Whether the model that a record was simulated with has what an index needs; true of a measured record."""
-    return "roll" in attrs.get("dofs", "roll").split() or not needs_roll(index)
 
 
 def needs_roll(index: Index) -> bool:

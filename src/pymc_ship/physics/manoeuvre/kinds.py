@@ -16,16 +16,8 @@ if TYPE_CHECKING:
 SIDES = {"starboard": 1.0, "port": -1.0}
 """Sign of the heading change towards each side."""
 
-UNITS = {
-    "angle": "deg",
-    "drift": "deg",
-    "roll": "deg",
-    "time": "s",
-    "distance": "m",
-    "diameter": "m",
-    "speed": "m/s",
-    "rate": "deg/s",
-}
+UNITS = {"angle": "deg", "drift": "deg", "roll": "deg", "time": "s", "distance": "m", "diameter": "m"}
+UNITS |= {"speed": "m/s", "rate": "deg/s"}
 """Unit of each quantity that an index can be; `angle` is a change of heading, `diameter` that of a steady turn."""
 
 TRACK_QUANTITIES = ("angle", "time", "distance", "diameter")
@@ -49,10 +41,9 @@ Limit = tuple[str, float, str]
 
 @dataclass(frozen=True)
 class Index:
-    """One index of a kind of manoeuvre.
+    """One index of a kind of manoeuvre: ``quantity`` is a key of :data:`UNITS`, ``needs`` are the channels.
 
-    ``quantity`` is a key of :data:`UNITS`, ``needs`` are the channels; a ``scored`` index (one of
-    :data:`SCORED_QUANTITIES`) is compared on held-out runs; a ``signed`` one can be negative.
+    A ``scored`` index, of :data:`SCORED_QUANTITIES`, is compared on held-out runs; a ``signed`` one can be negative.
     """
 
     quantity: str
@@ -72,14 +63,6 @@ class Index:
         return UNITS[self.quantity]
 
 
-def _nothing_measured(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
-    return {}
-
-
-def _no_limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
-    return ()
-
-
 @dataclass(frozen=True)
 class ManoeuvreKind:
     """A kind of manoeuvre: options, indices, limits and recognition.
@@ -93,20 +76,19 @@ class ManoeuvreKind:
     option, title : str
         Option of the command line, ``turn`` for ``--turn``, empty for none; title in its help.
     second_execute_factor : float or None
-        Factor on the rudder angle when the heading has changed by ``heading_deg``: -1 reverses the rudder, 0 puts it
-        amidships. None: no second execute.
+        Factor on the rudder angle at a change of heading by ``heading_deg``: -1 reverses, 0 puts amidships, None: none.
     indices : mapping of str to Index
     measure : callable
         Indices by name, from a :class:`pymc_ship.physics.manoeuvre.events.Record` and its attrs.
     limits : callable
         Limits of IMO MSC.137(76) that apply, from the attrs and L over the approach speed [s].
     recognise : callable or None
-        Angles and side from a :class:`pymc_ship.physics.manoeuvre.steering_record.SteeringRecord`, None for another
-        manoeuvre. A kind without this function is not recognised in records.
+        Angles and side from a :class:`pymc_ship.physics.manoeuvre.steering_record.SteeringRecord`, or None; without
+        this function, the kind is not recognised in records.
     reach : float
         How long a forecast simulates the manoeuvre by default [L/U].
     swings, circles : bool
-        Whether figures show :data:`OVERSHOOTS` on one axis of heading and rudder, or :data:`DIMENSIONS` on the track.
+        Whether figures show :data:`OVERSHOOTS` on an axis of heading and rudder, or :data:`DIMENSIONS` on the track.
     """
 
     name: str
@@ -116,15 +98,16 @@ class ManoeuvreKind:
     title: str = ""
     second_execute_factor: float | None = None
     indices: Mapping[str, Index] = field(default_factory=dict)
-    measure: Callable[[Record, Mapping[str, Any]], dict[str, float]] = _nothing_measured
-    limits: Callable[[Mapping[str, Any], float], Sequence[Limit]] = _no_limits
+    measure: Callable[[Record, Mapping[str, Any]], dict[str, float]] = lambda record, attrs: {}
+    limits: Callable[[Mapping[str, Any], float], Sequence[Limit]] = lambda attrs, ratio: ()
     recognise: Callable[[SteeringRecord], tuple[tuple[float, ...], str] | None] | None = None
     reach: float = 40.0
     swings: bool = False
     circles: bool = False
 
     def __post_init__(self) -> None:
-        lacking = [name for name in self._drawn() if name not in self.indices]
+        drawn = (OVERSHOOTS if self.swings else ()) + (DIMENSIONS if self.circles else ())
+        lacking = [name for name in drawn if name not in self.indices]
         if lacking:
             raise SimulationError(f"The figures of a {self.words} show its {lacking[0]}; add this index.")
         if self.option and not (self.angles and self.example and self.title):
@@ -133,9 +116,6 @@ class ManoeuvreKind:
             raise SimulationError(f"A {self.words} that is recognised is compared by its indices, found none; add one.")
         if self.second_execute_factor is not None and "heading_deg" not in self.angles:
             raise SimulationError(f"The rudder of a {self.words} is moved at a heading; add heading_deg to its angles.")
-
-    def _drawn(self) -> tuple[str, ...]:
-        return (OVERSHOOTS if self.swings else ()) + (DIMENSIONS if self.circles else ())
 
     def __repr__(self) -> str:
         return field_text(self)

@@ -19,10 +19,7 @@ KINDS = {kind.name: kind for kind in (ZIGZAG, TURNING_CIRCLE, PULL_OUT, RUDDER_P
 def register_manoeuvre(kind: ManoeuvreKind) -> None:
     """Make a kind of manoeuvre known to the simulator, the indices, forecasts, grids and the command line.
 
-    Parameters
-    ----------
-    kind : ManoeuvreKind
-        SimulationError if another kind has its name or option. ``del KINDS[kind.name]`` removes it again.
+    SimulationError if another kind has its name or option. ``del KINDS[kind.name]`` removes it again.
     """
     for known in KINDS.values():
         if kind.name == known.name or (kind.option and kind.option == known.option):

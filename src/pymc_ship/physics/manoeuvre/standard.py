@@ -20,22 +20,11 @@ _STEP = 0.1  # s, duration of a step of the order from one angle to the next
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """A manoeuvre to run, started on a straight course at time 0.
+    """A manoeuvre of a registered kind, from a straight course at time 0.
 
-    Attributes
-    ----------
-    kind : str
-        Name of a registered kind: ``zigzag``, ``turning_circle``, ``rudder_programme``.
-    rudder_deg, heading_deg : float
-        Rudder angle and switching heading [deg], magnitudes.
-    side : {"starboard", "port"}
-        Side turned to first.
-    approach_speed : float or None
-        Speed at time 0 [m/s]; None for the vessel's nominal speed.
-    time, delta : tuple of float
-        Breakpoints of a rudder programme [s, rad], linear in between; empty otherwise.
-    rate_limited : bool
-        Whether the rudder follows its commands at the vessel's rudder rate or exactly.
+    ``rudder_deg`` and ``heading_deg`` (switching heading) are magnitudes, ``side`` is turned to first; an
+    ``approach_speed`` [m/s] of None is the nominal speed. ``time`` and ``delta`` [s, rad] are breakpoints of a rudder
+    programme. If ``rate_limited``, the rudder follows at the vessel's rudder rate, else exactly.
     """
 
     kind: str
@@ -72,12 +61,8 @@ class Manoeuvre:
     @property
     def attrs(self) -> dict[str, object]:
         """Attrs of a record of the manoeuvre: kind, angles [deg] and side."""
-        return {
-            "manoeuvre": self.kind,
-            "rudder_deg": self.rudder_deg,
-            "heading_deg": self.heading_deg,
-            "side": self.side,
-        }
+        angles = {"rudder_deg": self.rudder_deg, "heading_deg": self.heading_deg}
+        return {"manoeuvre": self.kind, **angles, "side": self.side}
 
     @property
     def switch(self) -> tuple[float, float]:
@@ -103,11 +88,7 @@ def one_manoeuvre(manoeuvre: object) -> Manoeuvre:
 
 
 def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_speed: float | None = None) -> Manoeuvre:
-    """Manoeuvre of any kind that is written with angles [deg], those of its ``angles`` in order.
-
-    Side and approach speed as of :func:`zigzag`. SimulationError for an unknown kind or side, another number of angles,
-    or angles or a speed that are not positive.
-    """
+    """Manoeuvre of any kind with ``angles`` [deg]; side, approach speed and errors as of :func:`zigzag`."""
     traits = kind_named(kind)
     names = traits.angles
     if not names or len(angles) != len(names):
@@ -120,7 +101,7 @@ def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_s
 
 
 def written_manoeuvre(text: str) -> Manoeuvre | None:
-    """Manoeuvre of a label such as ``zigzag 20/20 port``, whose side may be left out; None for other words."""
+    """Manoeuvre of a label such as ``zigzag 20/20 port``, by default to port; None for other words."""
     words = text.split()
     side = words.pop() if words and words[-1] in SIDES else "port"
     *name, angles = words or [""]
@@ -148,14 +129,10 @@ def zigzag(
     approach_speed : float, optional
         [m/s]; the vessel's nominal speed by default.
 
-    Returns
-    -------
-    Manoeuvre
-
     Raises
     ------
     SimulationError
-        For angles that are not positive, an unknown side or a speed that is not positive.
+        For angles or a speed that are not positive, or an unknown side.
 
     Examples
     --------
@@ -217,7 +194,7 @@ def direct_spiral(
     Raises
     ------
     SimulationError
-        For an angle or a time that is not positive, or a step that does not divide the largest angle.
+        For values that are not positive, or a step that does not divide the largest angle.
 
     Examples
     --------
@@ -263,10 +240,6 @@ def rudder_programme(
     approach_speed : float, optional
         [m/s]; the vessel's nominal speed by default.
 
-    Returns
-    -------
-    Manoeuvre
-
     Raises
     ------
     SimulationError
@@ -274,8 +247,6 @@ def rudder_programme(
 
     Examples
     --------
-    A step to 10 deg at 50 s; the ship's steering gear is slower than the programme:
-
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> programme = ps.rudder_programme([0, 50, 51], np.deg2rad([0, 0, 10]))
@@ -291,13 +262,8 @@ def rudder_programme(
         )
     if not (np.isfinite(time).all() and np.isfinite(delta).all()) or (np.diff(time) <= 0).any():
         raise SimulationError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
-    return Manoeuvre(
-        "rudder_programme",
-        approach_speed=approach_speed,
-        time=tuple(time.tolist()),
-        delta=tuple(delta.tolist()),
-        rate_limited=rate_limited,
-    )
+    times, angles = tuple(time.tolist()), tuple(delta.tolist())
+    return Manoeuvre("rudder_programme", 0.0, 0.0, "port", approach_speed, times, angles, rate_limited)
 
 
 def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angles: float) -> None:

@@ -43,10 +43,7 @@ class Swings:
     reversals: Sequence[Reversal]
 
     def switching_headings(self, delays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Headings [deg] at which the reversals were ordered, and their middle, for delays [s] of the steering gear.
-
-        The headings (n_reversals, n_delays) are relative to the middle (n_delays,), positive to the side of the turn.
-        """
+        """Headings [deg] of the reversals from their middle (n_reversals, n_delays), and the middle, for delays [s]."""
         begin = np.array([reversal.time for reversal in self.reversals])
         heading = np.rad2deg(np.interp(begin[:, None] - delays, self.time, self.heading))
         side = np.sign(self.reversals[0].heading) * (-1.0) ** np.arange(begin.size)[:, None]
@@ -58,10 +55,9 @@ class Swings:
 
 @dataclass(frozen=True)
 class SteeringRecord:
-    """Steering in one record, from which a kind of manoeuvre is recognised.
+    """Steering in a trial with u, r, psi and delta, from which a kind of manoeuvre is recognised.
 
-    ``trial`` has u, r, psi and delta; ``reversals`` are those of a zigzag, empty for another record; ``delay`` [s] is
-    that of the steering gear, NaN without a reversal in any run.
+    ``reversals`` of a zigzag, else empty; ``delay`` [s] of the steering gear, NaN without a reversal in any run.
     """
 
     trial: xr.Dataset
@@ -106,10 +102,7 @@ def whole_heading(headings: np.ndarray) -> int:
 
 
 def manoeuvre_rudder_angle(delta: np.ndarray) -> float:
-    """Magnitude of the rudder angle [rad] of a manoeuvre; 0 for a rudder that stays amidships.
-
-    Median of the range from an angle to 1.1 times it that has the largest sum of squared rudder angles.
-    """
+    """Rudder angle [rad] of a manoeuvre, 0 amidships: median of the range of 10 % with the largest sum of squares."""
     size = np.sort(np.abs(delta))
     work = np.concatenate([[0.0], np.cumsum(size**2)])
     end = np.searchsorted(size, 1.1 * size, side="right")
@@ -134,11 +127,9 @@ def fixed_rudder_intervals(delta: np.ndarray) -> list[tuple[int, int]]:
 
 
 def first_execute(trial: xr.Dataset) -> float:
-    """Time [s] of the first execute, at which the rudder is first put over.
+    """Time [s] of the first execute, at which the rudder is first put over; of a record without an approach its begin.
 
-    Begin of the straight line through the last instants at a quarter and a half of the way to the first fixed angle, so
-    that noise and small angles on the approach do not count; the first instant of a record without an approach or a
-    turn.
+    Begin of the line through the last instants at a quarter and a half of the way to the first fixed angle.
     """
     known = np.isfinite(trial["delta"].values)
     delta, time = trial["delta"].values[known].astype(float), trial["time"].values[known]
