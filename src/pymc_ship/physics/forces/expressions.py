@@ -92,7 +92,9 @@ def _function(operation: int) -> Callable[[Expression], Expression]:
     return lambda x: x.trace.record(operation, x)
 
 
-root, exp, sin, cos, ramp, step = map(_function, (ROOT, EXPONENTIAL, SINE, COSINE, RAMP, STEP))
+root, exp = _function(ROOT), _function(EXPONENTIAL)
+sin, cos = _function(SINE), _function(COSINE)
+ramp, step = _function(RAMP), _function(STEP)
 """Square root of a positive x, exponential, sine and cosine of x [rad], the larger of x and 0, 1 where x > 0 else 0."""
 
 
