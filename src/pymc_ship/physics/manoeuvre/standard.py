@@ -5,7 +5,7 @@ A positive rudder angle turns the ship to port; the constructors take magnitudes
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -262,8 +262,8 @@ def rudder_programme(
         )
     if not (np.isfinite(time).all() and np.isfinite(delta).all()) or (np.diff(time) <= 0).any():
         raise SimulationError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
-    times, angles = tuple(time.tolist()), tuple(delta.tolist())
-    return Manoeuvre("rudder_programme", 0.0, 0.0, "port", approach_speed, times, angles, rate_limited)
+    programme = Manoeuvre("rudder_programme", approach_speed=approach_speed, rate_limited=rate_limited)
+    return replace(programme, time=tuple(time.tolist()), delta=tuple(delta.tolist()))
 
 
 def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angles: float) -> None:

@@ -38,9 +38,9 @@ def ship_dimensions(vessel: Vessel) -> Ship:
     wake = 0.5 * (s.volume / (s.L * s.B * s.d)) - 0.05
     propeller = vessel.propeller or Propeller(_DIAMETER * s.d, math.nan, wake, *_OPEN_WATER, _ETA, _KAPPA)
     ship = Ship(
-        **_attributes(s, "L", "B", "d", "volume", "nominal_speed", "GM", "BM"),
-        **_attributes(propeller, "D", "n", "k_0", "k_1", "k_2", "eta", "kappa"),
-        **_attributes(vessel, "m", "x_G", "z_G", "I_zz", "I_xx"),
+        **_attributes(s, ("L", "B", "d", "volume", "nominal_speed", "GM", "BM")),
+        **_attributes(propeller, ("D", "n", "k_0", "k_1", "k_2", "eta", "kappa")),
+        **_attributes(vessel, ("m", "x_G", "z_G", "I_zz", "I_xx")),
         wake=propeller.wake_fraction,
         propeller_known=vessel.propeller is not None,
         rudder_area=area / s.L**2,
@@ -55,7 +55,7 @@ def ship_dimensions(vessel: Vessel) -> Ship:
     return ship if vessel.propeller else ship._replace(n=_revolutions(ship))
 
 
-def _attributes(source: object, *names: str) -> dict[str, Any]:
+def _attributes(source: object, names: Sequence[str]) -> dict[str, Any]:
     return {name: getattr(source, name) for name in names}
 
 
