@@ -145,7 +145,7 @@ class TestTests:
         """Residuals of white noise alone, 100 times: p below 0.05 in 5 %, with Bonferroni's loss."""
         problem = problem_of(ship, [rough(zigzag, 0)])
         fit = fit_trajectory(problem, truth(ship, [zigzag]))
-        clean = fit.problem.runs[0].samples - sample_residuals(fit)[0]
+        clean = fit.problem.runs[0].samples - sample_residuals(fit.problem, fit.unknowns)[0]
         monkeypatch.setattr(trajectory_noise, "offset_test", lambda fit: 1.0)
         rng, found = np.random.default_rng(8), []
         run = fit.problem.runs[0]
@@ -171,11 +171,12 @@ class TestTests:
     def fit_of(run, errors, monkeypatch, factor=1.0):
         """What a fit leaves of a run: errors of its samples, whitened by ``factor`` times the sd assumed."""
         monkeypatch.setattr(trajectory_noise, "offset_test", lambda fit: 1.0)
-        monkeypatch.setattr(trajectory_noise, "sample_residuals", lambda fit: [errors])
+        monkeypatch.setattr(trajectory_noise, "sample_residuals", lambda problem, unknowns: [errors])
         noise = white_noise(run)
         noise = replace(noise, sd=factor * noise.sd)
         residuals = (run.block_means(errors) / noise.sd[:, None],)
-        return SimpleNamespace(problem=SimpleNamespace(runs=(run,), noise=(noise,)), residuals=residuals)
+        problem = SimpleNamespace(runs=(run,), noise=(noise,))
+        return SimpleNamespace(problem=problem, residuals=residuals, unknowns=None)
 
     def test_the_size_scatters_as_its_p_says_where_the_sd_is_right(self, one_channel, monkeypatch):
         """White noise whose sd comes from its own second differences, 800 times: squares of a standard normal value."""
@@ -213,7 +214,7 @@ class TestTests:
 
     def test_samples_are_fitted_motion_and_residuals(self, choices):
         fit = choices["offsets"].fit
-        run, values = fit.problem.runs[0], sample_residuals(fit)[0]
+        run, values = fit.problem.runs[0], sample_residuals(fit.problem, fit.unknowns)[0]
         blocks = run.block_means(values) / fit.problem.noise[0].sd[:, None]
         np.testing.assert_allclose(blocks, fit.residuals[0], atol=1e-6)
 

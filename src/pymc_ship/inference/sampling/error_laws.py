@@ -1,19 +1,7 @@
-"""Laws of the errors of a regression: normal, Student-t and AR(1).
+"""Laws of the errors e of a regression; sigma2 is the ``noise_variance``.
 
-With e the error of a row and sigma2 the ``noise_variance``:
-
-- ``normal``: e ~ N(0, sigma2), independent.
-- ``student_t``: e ~ t(nu, 0, sigma), independent, nu = ``degrees_of_freedom`` ~ Gamma(2, 0.1) of mean 20; sigma2 is
-  the square of the scale, the variance is sigma2 nu / (nu - 2).
-- ``ar1``: e_t | e_(t-1) ~ N(rho e_(t-1), (1 - rho^2) sigma2), rho = ``autocorrelation`` ~ Uniform(-1, 1); the first row
-  is stationary, e_1 ~ N(0, sigma2), and sigma2 is the variance of every row.
-
-Large nu and rho = 0 are the normal model.
-
-References
-----------
-Juarez & Steel (2010), Model-based clustering of non-Gaussian panel data, JBES 28(1):52, doi:10.1198/jbes.2009.07145
-(the prior of nu); Prais & Winsten (1954), Cowles Commission discussion paper 383 (the first row).
+``normal``: e ~ N(0, sigma2). ``student_t``: e ~ t(nu, 0, sigma), nu ~ Gamma(2, 0.1). ``ar1``: e_1 ~ N(0, sigma2),
+e_t ~ N(rho e_(t-1), (1 - rho^2) sigma2), rho ~ Uniform(-1, 1).
 """
 
 from __future__ import annotations
@@ -31,11 +19,8 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import InferenceError
 
 _LOG_2PI = math.log(2.0 * math.pi)
-NU_SHAPE, NU_RATE = 2.0, 0.1
-"""Gamma prior of the degrees of freedom."""
-
+NU_SHAPE, NU_RATE = 2.0, 0.1  # Gamma prior of the degrees of freedom
 _PLUG_IN_NU = 4.0
-
 
 Whitening = Callable[[np.ndarray], np.ndarray]
 
@@ -46,8 +31,7 @@ class ErrorLaw:
 
     Attributes
     ----------
-    parameter : str; name of the parameter besides the noise variance, ``""`` for none
-    prior : str; its prior as text
+    parameter, prior : str; name of the parameter besides the noise variance, ``""`` for none, and its prior as text
     draw_parameter : callable; (rng, size) -> draws of its prior
     log_parameter : callable; parameter -> log prior density
     draw_errors : callable; (rng, noise_sd, parameter, n_rows) -> errors
@@ -139,9 +123,6 @@ ERRORS = {
         whiten=_whiten_ar1,
     ),
 }
-"""Error laws by name."""
-
-
 _CITED = {
     "student_t": ["Juarez & Steel (2010), JBES 28(1):52, doi:10.1198/jbes.2009.07145"],
     "ar1": ["Prais & Winsten (1954), Cowles Commission discussion paper 383"],
@@ -167,27 +148,12 @@ def errors_of(tree: xr.DataTree) -> str:
 
 
 def with_errors(tree: xr.DataTree, data: RegressionData, errors: str, parameter: np.ndarray) -> xr.DataTree:
-    """Posterior tree with the parameter of its error law, its log prior density and the log likelihood.
-
-    Parameters
-    ----------
-    tree : DataTree
-        As :func:`~pymc_ship.inference.regression.tree.draws_tree`.
-    data : RegressionData
-    errors : {"student_t", "ar1"}
-    parameter : ndarray, shape (n_chains, n_draws)
-
-    Returns
-    -------
-    DataTree
-        A copy, with ``errors`` and ``error_prior`` in attrs.
-    """
+    """Copy of a posterior tree with the parameter (n_chains, n_draws) of an error law and the densities by it."""
     law, sample = error_law(errors, data), ("chain", "draw")
     groups = {name: group.to_dataset() for name, group in tree.children.items()}
-    posterior = groups["posterior"].assign({law.parameter: (sample, parameter)})
+    groups["posterior"] = posterior = groups["posterior"].assign({law.parameter: (sample, parameter)})
     residual = data.response - posterior["coefficients"].to_numpy() @ data.design_matrix.T
     density = law.log_likelihood(residual, posterior["noise_variance"].to_numpy(), parameter)
-    groups["posterior"] = posterior
     groups["log_likelihood"] = groups["log_likelihood"].assign(response=((*sample, "row"), density))
     groups["log_prior"] = groups["log_prior"].assign({law.parameter: (sample, law.log_parameter(parameter))})
     cited = json.dumps([*json.loads(tree.attrs["citations"]), *_CITED[errors]])

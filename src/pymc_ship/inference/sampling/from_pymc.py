@@ -23,6 +23,8 @@ OWN = "own"
 """Family of a prior that the package does not know."""
 
 _SAMPLE = ("chain", "draw")
+_BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
+_COPIED_GROUPS = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
 
 
 def posterior_tree(
@@ -38,15 +40,13 @@ def posterior_tree(
     Parameters
     ----------
     sampled : DataTree
-        As ``pm.sample`` returns it. Its posterior has ``coefficients`` on the scale of the original columns, or
-        ``scaled_coefficients`` on the scaled ones, with dims chain, draw and one more in the order of the data; and
-        ``noise_variance`` or ``scaled_noise_variance`` likewise, if the model has one. Other variables,
-        sample_stats, log_likelihood, log_prior and the prior and predictive groups are copied.
+        As ``pm.sample`` returns it. Its posterior has ``coefficients`` on the original scale or
+        ``scaled_coefficients``, with dims chain, draw and one more in the order of the data; and ``noise_variance`` or
+        ``scaled_noise_variance``, if the model has one. Other variables and the groups of ArviZ are copied.
     data : RegressionData
         Data of the fit.
     model : pymc.Model, optional
-        Computes missing groups: log_likelihood, log_prior, prior, prior_predictive, posterior_predictive. Its one
-        observed variable, on the original scale, becomes ``response``.
+        Computes missing log densities and predictive groups. Its one observed variable becomes ``response``.
     prior : Prior, optional
         If the model has exactly this prior, the draws can be compared with the exact posterior.
     rng : int, SeedSequence or Generator, optional
@@ -55,8 +55,7 @@ def posterior_tree(
     Returns
     -------
     DataTree
-        As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the groups of ``sampled`` or the model; attr
-        ``method`` is ``nuts``.
+        As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the groups of ``sampled`` or the model.
 
     Raises
     ------
@@ -66,8 +65,6 @@ def posterior_tree(
 
     Examples
     --------
-    A linear regression:
-
     >>> import numpy as np
     >>> import pymc as pm
     >>> import pymc_ship as ps
@@ -98,10 +95,6 @@ def posterior_tree(
     hyperparameters = {"family": OWN} if prior is None else prior.hyperparameters()
     root = xr.Dataset(attrs=tree_attrs(data, hyperparameters, "nuts", state))
     return xr.DataTree.from_dict({"/": root, **groups, **data_groups(data)})
-
-
-_BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
-_COPIED_GROUPS = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
 
 
 def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
@@ -137,18 +130,17 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
             f"A regression has one observed variable, found {', '.join(observed) or 'none'}; give the groups of such a "
             "model in the tree and omit the model."
         )
-    draws, silent = xr.DataTree.from_dict({"posterior": groups["posterior"]}), {"progressbar": False}
+    draws = xr.DataTree.from_dict({"posterior": groups["posterior"]})
     fast_compile = {"compile_kwargs": {"mode": "FAST_COMPILE"}}  # compiling takes a minute and saves seconds
+    options = fast_compile | {"progressbar": False}
     with model, _quiet():
-        likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **silent, **fast_compile)
-        prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **silent, **fast_compile)
-        predictive = pm.sample_posterior_predictive(
-            draws, var_names=observed, random_seed=seed, **silent, **fast_compile
-        )
+        likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **options)
+        prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **options)
+        predictive = pm.sample_posterior_predictive(draws, var_names=observed, random_seed=seed, **options)
         from_prior = pm.sample_prior_predictive(PREDICTIVE_DRAWS, random_seed=seed + 1, **fast_compile)
     return {
-        "log_likelihood": _dataset(likelihood, "log_likelihood"),
-        "log_prior": _dataset(prior, "log_prior"),
+        "log_likelihood": likelihood,
+        "log_prior": prior,
         "posterior_predictive": predictive["posterior_predictive"].to_dataset(),
         "prior": from_prior["prior"].to_dataset(),
         "prior_predictive": from_prior["prior_predictive"].to_dataset(),
@@ -165,10 +157,6 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         log.setLevel(level)
-
-
-def _dataset(result: xr.DataTree | xr.Dataset, group: str) -> xr.Dataset:
-    return result if isinstance(result, xr.Dataset) else result[group].to_dataset()
 
 
 def _named_rows(group: xr.Dataset, name: str, data: RegressionData) -> xr.Dataset:

@@ -58,49 +58,9 @@ def _map_back(rotated: np.ndarray, columns: np.ndarray, center: np.ndarray) -> N
 
 
 def gibbs(
-    data: RegressionData,
-    prior: Prior,
-    *,
-    draws: int = 1000,
-    chains: int = 4,
-    tune: int = 500,
-    rng: Seed,
+    data: RegressionData, prior: Prior, *, draws: int = 1000, chains: int = 4, tune: int = 500, rng: Seed
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gibbs draws as arrays.
-
-    Parameters
-    ----------
-    data : RegressionData
-    prior : Prior
-        On the scaled columns; mean and kappa may be vectors.
-    draws : int, optional
-        Draws of each chain after the warm-up.
-    chains : int, optional
-        Start values of sigma2 are log-spaced from a third of the least possible conditional mode to three times the
-        largest.
-    tune : int, optional
-        Warm-up draws of each chain.
-    rng : int, SeedSequence or Generator
-
-    Returns
-    -------
-    coefficients : ndarray, shape (chains, draws, n_terms)
-        Original scale.
-    noise_variance : ndarray, shape (chains, draws)
-        Of the original response.
-
-    Raises
-    ------
-    InferenceError
-        For vectors of the wrong length, or a family whose ``noise_power`` is neither 0 nor 1.
-    ValueError
-        When draws or chains are not positive, or tune is negative.
-
-    References
-    ----------
-    Xue et al. (2020), Algorithm 1 and Eq. 19-20, doi:10.1016/j.oceaneng.2019.106612; Gelfand & Smith (1990),
-    doi:10.1080/01621459.1990.10476213.
-    """
+    """Coefficients (chains, draws, n_terms) and noise variance (chains, draws) of :func:`gibbs_posterior` as arrays."""
     rng = random_generator(rng)
     check_prior(prior)
     if draws < 1 or chains < 1 or tune < 0:
@@ -121,6 +81,7 @@ def gibbs(
     rate = scale + 0.5 * residual_square
     low = rate / (prior.shape + 0.5 * data.n_rows)
     high = (rate + 0.5 * np.sum(z**2)) / (prior.shape + 0.5 * max(data.n_rows - data.n_terms, 0))
+    # log-spaced from a third of the least possible conditional mode of sigma2 to three times the largest
     start = np.geomspace(low / 3.0, 3.0 * high, chains)
     rotated, noise_variance = np.empty((chains, draws, data.n_terms)), np.empty((chains, draws))
     shape = prior.shape + 0.5 * (data.n_rows + data.n_terms * prior.noise_power)
@@ -131,13 +92,7 @@ def gibbs(
 
 
 def gibbs_posterior(
-    data: RegressionData,
-    prior: Prior,
-    *,
-    draws: int = 1000,
-    chains: int = 4,
-    tune: int = 500,
-    rng: Seed,
+    data: RegressionData, prior: Prior, *, draws: int = 1000, chains: int = 4, tune: int = 500, rng: Seed
 ) -> xr.DataTree:
     """Posterior by Gibbs sampling, as a DataTree.
 
@@ -145,6 +100,7 @@ def gibbs_posterior(
     ----------
     data : RegressionData
     prior : Prior
+        On the scaled columns; mean and kappa may be vectors.
     draws, chains, tune : int, optional
         Draws of each chain, chains, and warm-up draws of each chain.
     rng : int, SeedSequence or Generator
@@ -161,6 +117,11 @@ def gibbs_posterior(
         For vectors of the wrong length, or a family whose ``noise_power`` is neither 0 nor 1.
     ValueError
         When draws or chains are not positive, or tune is negative.
+
+    References
+    ----------
+    Xue et al. (2020), Algorithm 1 and Eq. 19-20, doi:10.1016/j.oceaneng.2019.106612; Gelfand & Smith (1990),
+    doi:10.1080/01621459.1990.10476213.
 
     Examples
     --------

@@ -1,13 +1,8 @@
 """Coefficients partially pooled over groups of runs, such as ships or facilities; pymc is imported when called.
 
-With b_g the scaled coefficients of group g, m their population mean, and tau_j the sd of
-coefficient j between groups:
-
-    m_j ~ N(mean_j, kappa_j),  tau_j ~ HalfNormal(spread),  b_gj ~ N(m_j, tau_j^2),
-    sigma2_g ~ IG(shape, scale),  y ~ N(X b_g, sigma2_g) in each row of group g.
-
-:func:`hierarchical_model` is non-centred (Papaspiliopoulos, Roberts & Skoeld 2007). NUTS draws tau and sigma2 from
-their marginal posterior (Lindley & Smith 1972, doi:10.1111/j.2517-6161.1972.tb00885.x); m and b are exact draws.
+m_j ~ N(mean_j, kappa_j), tau_j ~ HalfNormal(spread), scaled coefficients b_gj ~ N(m_j, tau_j^2) of group g,
+sigma2_g ~ IG(shape, scale), y ~ N(X b_g, sigma2_g). NUTS draws tau and sigma2 from their marginal posterior (Lindley &
+Smith 1972, doi:10.1111/j.2517-6161.1972.tb00885.x); m and b are exact draws.
 """
 
 from __future__ import annotations
@@ -22,7 +17,7 @@ from pymc_ship.inference.regression.priors import check_prior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
-from pymc_ship.inference.sampling.regression_model import sample_model
+from pymc_ship.inference.sampling.regression_model import check_settings, sample_model
 from pymc_ship.machine.arguments import finite_number
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -54,7 +49,7 @@ def hierarchical_model(
     Returns
     -------
     pymc.Model
-        Free variables ``standardised`` (dims level, coefficient), ``scaled_group_sd`` (coefficient) and
+        Non-centred: free variables ``standardised`` (dims level, coefficient), ``scaled_group_sd`` (coefficient) and
         ``scaled_group_noise_variance`` (group); deterministic, on the original scale, ``coefficients`` (the means over
         groups), ``group_coefficients`` (group, coefficient), ``group_sd`` (coefficient) and ``group_noise_variance``
         (group); observed ``response`` (row).
@@ -62,8 +57,7 @@ def hierarchical_model(
     Raises
     ------
     InferenceError
-        For fewer than two groups, a run without one, a prior whose coefficients depend on the noise variance, or
-        vectors of the wrong length.
+        As :func:`hierarchical_posterior`.
 
     References
     ----------
@@ -73,7 +67,13 @@ def hierarchical_model(
     import pymc as pm
     import pytensor.tensor as pt
 
-    spread = _check_spread(prior, spread)
+    check_prior(prior)
+    if prior.noise_power != 0:
+        raise InferenceError(
+            f"The groups of a hierarchical model have noise variances of their own, which a {prior.family} prior of "
+            "the means cannot depend on; give a SemiConjugatePrior."
+        )
+    spread = finite_number("The spread between groups", spread, InferenceError, least=1e-12)
     labels, group = group_of_rows(data, groups)
     offset, transformation = data.transformation
     mean, root = prior.means(data.n_terms), np.sqrt(prior.kappas(data.n_terms))
@@ -128,7 +128,8 @@ def hierarchical_posterior(
     Raises
     ------
     InferenceError
-        As :func:`hierarchical_model`.
+        For fewer than two groups, a run without one, a prior whose coefficients depend on the noise variance, or
+        vectors of the wrong length.
     ValueError
         For counts that are not positive, or an acceptance rate outside 0 to 1.
 
@@ -147,22 +148,20 @@ def hierarchical_posterior(
     >>> dict(tree["posterior"]["group_coefficients"].sizes)
     {'chain': 2, 'draw': 100, 'group': 2, 'coefficient': 12}
     """
-    rng, spread = random_generator(rng), _check_spread(prior, spread)
+    rng, model = random_generator(rng), hierarchical_model(data, prior, groups, spread=spread)
     labels, group = group_of_rows(data, groups)
-    reduced = reduced_groups(data, prior, group)
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept}
-    seed = int(rng.integers(2**31))
-    sampled = sample_model(marginal_model(reduced, prior, spread), settings, seed, progress)
+    check_settings(settings)
+    reduced, seed = reduced_groups(data, prior, group), int(rng.integers(2**31))
+    sampled = sample_model(marginal_model(reduced, prior, float(spread)), settings, seed, progress)
     rng = np.random.default_rng([seed, 1])
-    tau, variance = (
-        sampled["posterior"][name].to_numpy() for name in ("scaled_group_sd", "scaled_group_noise_variance")
-    )
+    names = ("scaled_group_sd", "scaled_group_noise_variance")
+    tau, variance = (sampled["posterior"][name].to_numpy() for name in names)
     flat = standardised_draws(reduced, prior, tau.reshape(-1, data.n_terms), variance.reshape(-1, len(reduced)), rng)
     groups_sampled = {
         "posterior": _posterior(data, prior, labels, (tau, variance, flat)),
         "sample_stats": sampled["sample_stats"].to_dataset(),
     }
-    model = hierarchical_model(data, prior, groups, spread=spread)
     return posterior_tree(xr.DataTree.from_dict(groups_sampled), data, model, rng=rng)
 
 
@@ -182,19 +181,8 @@ def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tup
     return labels, np.array([labels.index(str(groups[run])) for run in data.run])
 
 
-def _check_spread(prior: SemiConjugatePrior, spread: float) -> float:
-    """Spread, checked, with a prior that does not depend on the noise variance."""
-    check_prior(prior)
-    if prior.noise_power != 0:
-        raise InferenceError(
-            f"The groups of a hierarchical model have noise variances of their own, which a {prior.family} prior of "
-            "the means cannot depend on; give a SemiConjugatePrior."
-        )
-    return finite_number("The spread between groups", spread, InferenceError, least=1e-12)
-
-
 class _Group(NamedTuple):
-    """Rows of a group about the prior mean: triangle R, projection, residual sum of squares, count."""
+    """QR reduction of the rows of a group about the prior mean, with their number."""
 
     triangle: np.ndarray
     projection: np.ndarray
@@ -273,13 +261,13 @@ def _posterior(data: RegressionData, prior: SemiConjugatePrior, labels: list[str
     standard = flat.reshape(*tau.shape[:2], *flat.shape[1:])
     means = prior.means(data.n_terms) + np.sqrt(prior.kappas(data.n_terms)) * standard[:, :, 0]
     scaled = means[:, :, None] + tau[:, :, None] * standard[:, :, 1:]
-    sample, of_group = ("chain", "draw"), ("group", "coefficient")
+    sample = ("chain", "draw")
     values = {
         "standardised": ((*sample, "level", "coefficient"), standard),
         "scaled_group_sd": ((*sample, "coefficient"), tau),
         "scaled_group_noise_variance": ((*sample, "group"), variance),
         "coefficients": ((*sample, "coefficient"), data.to_original(means)),
-        "group_coefficients": ((*sample, *of_group), data.to_original(scaled)),
+        "group_coefficients": ((*sample, "group", "coefficient"), data.to_original(scaled)),
         "group_sd": ((*sample, "coefficient"), np.sqrt(tau**2 @ (data.transformation[1] ** 2).T)),
         "group_noise_variance": ((*sample, "group"), data.response_scale**2 * variance),
     }

@@ -1,4 +1,4 @@
-"""Linear coordinates of a PyMC variable for NUTS; the model does not depend on them."""
+"""Linear coordinates of a PyMC variable for NUTS: they change the path of the sampler, not the posterior."""
 
 from __future__ import annotations
 
@@ -9,17 +9,7 @@ from pytensor.tensor.variable import TensorVariable
 
 
 class LinearTransform(Transform):
-    """Coordinates c of a vector x = center + basis c.
-
-    Given as ``transform=`` to a PyMC variable, it changes the coordinates of NUTS, not the posterior. With a root
-    of the posterior covariance as basis, c is close to standard normal.
-
-    Parameters
-    ----------
-    center : ndarray, shape (n,)
-    basis : ndarray, shape (n, n)
-        Not singular.
-    """
+    """Coordinates c of a vector x = center + basis c, center (n,), basis (n, n) not singular."""
 
     name = "linear"
 

@@ -27,9 +27,9 @@ _jit = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class SimulatedMotion(Op):
-    """Block means of the states along the rudder of a run, shape (n_states, n_blocks), and their derivatives.
+    """Block means (n_states, n_blocks) of the states of a run from coefficients and initial state, and derivatives.
 
-    Inputs: coefficients (n_coefficients,), initial state (n_states,). A diverged motion is NaN, its derivatives are 0.
+    A diverged motion is NaN, its derivatives are 0.
     """
 
     default_output = 0
@@ -80,9 +80,6 @@ def _numba_simulated_motion(op: Op, node: Apply, **kwargs: Any) -> Any:
 
 class PooledDensity(Op):
     """Log density of the rows of all groups, coefficients integrated out, and its derivatives by tau and sigma2.
-
-    With S = sigma2 I + R diag(tau^2) R' of a group, D = S^-1, M the posterior covariance of the mean over groups, and
-    e the projection less R times that mean: d log density = tr((D e e' D - D + D R M R' D) dS) / 2.
 
     Inputs: tau (n_terms,), sigma2 (n_groups,), triangles (n_groups, n_terms, n_terms), projections (n_groups, n_terms),
     residual sums of squares (n_groups,), rows less n_terms (n_groups,), precisions of the means (n_terms,). NaN if out
@@ -155,14 +152,7 @@ def pooled_density(
     spare_rows: np.ndarray,
     precision: np.ndarray,
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Log density and its derivatives by tau and sigma2; arguments as the inputs of :class:`PooledDensity`.
-
-    Returns
-    -------
-    density : float
-    of_tau : ndarray, shape (n_terms,)
-    of_variance : ndarray, shape (n_groups,)
-    """
+    """Log density and its derivatives by tau and sigma2; arguments as the inputs of :class:`PooledDensity`."""
     n_groups, p = projections.shape
     eye = np.eye(p)
     density: Any = 0.0
@@ -182,6 +172,7 @@ def pooled_density(
     covariance, center = inverse.T @ inverse, inverse @ shift
     density += 0.5 * (center @ center) - half
     means, of_tau, of_variance = inverse.T @ center, np.zeros(p), np.empty(n_groups)
+    # d density = tr((D e e' D - D + D R M R' D) dS) / 2, S = sigma2 I + R diag(tau^2) R', D = S^-1, M = covariance
     for g in range(n_groups):
         error = targets[g] - whitened[g] @ means
         square, slope = whitened[g].T @ whitened[g], whitened[g].T @ error

@@ -18,37 +18,9 @@ PREDICTIVE_DRAWS = 500
 
 
 def prior_draws(
-    data: RegressionData,
-    prior: Prior,
-    draws: int,
-    *,
-    rng: np.random.Generator,
-    errors: str = "normal",
+    data: RegressionData, prior: Prior, draws: int, *, rng: np.random.Generator, errors: str = "normal"
 ) -> xr.Dataset:
-    """Independent draws from the prior, on the original scale.
-
-    Parameters
-    ----------
-    data : RegressionData
-        Data with the scaling of the prior, and the names.
-    prior : Prior
-    draws : int
-    rng : numpy.random.Generator
-    errors : {"normal", "student_t", "ar1"}, optional
-        See :mod:`pymc_ship.inference.sampling.error_laws`.
-
-    Returns
-    -------
-    Dataset
-        Dims chain (1), draw, coefficient; the variables of a posterior.
-
-    Raises
-    ------
-    InferenceError
-        For hyperparameter vectors of the wrong length.
-    ValueError
-        For errors of another name.
-    """
+    """Independent draws of the variables of a posterior from the prior, one chain, on the original scale."""
     law = error_law(errors)
     scaled, scaled_variance = prior.draw(data.n_terms, rng, (1, draws))
     sample = ("chain", "draw")
@@ -64,27 +36,7 @@ def prior_draws(
 def predictive(
     data: RegressionData, parameters: xr.Dataset, *, rng: np.random.Generator, errors: str = "normal"
 ) -> xr.Dataset:
-    """Responses of all rows on the original scale, one for each draw of the parameters.
-
-    Parameters
-    ----------
-    data : RegressionData
-        Only its design matrix is used.
-    parameters : Dataset
-        A group prior or posterior: ``coefficients``, ``noise_variance`` and the parameter of the error law.
-    rng : numpy.random.Generator
-    errors : {"normal", "student_t", "ar1"}, optional
-
-    Returns
-    -------
-    Dataset
-        ``response`` with dims chain, draw, row.
-
-    Raises
-    ------
-    ValueError
-        For errors of another name.
-    """
+    """``response`` (chain, draw, row) of the rows of the data, one for each draw of a group prior or posterior."""
     law = error_law(errors)
     sd = np.sqrt(parameters["noise_variance"].to_numpy())
     parameter = parameters[law.parameter].to_numpy() if law.parameter else np.zeros_like(sd)
@@ -100,7 +52,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     Parameters
     ----------
     tree : DataTree
-        Posterior of a regression, with its own error law (default normal).
+        Posterior of a regression.
     new_rows : array_like, shape (n_new, n_terms), or DataFrame
         The columns of the fitted data in their order, or a table with these or the variables of the formula; other
         columns are ignored.

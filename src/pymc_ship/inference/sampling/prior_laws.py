@@ -1,6 +1,6 @@
-"""Horseshoe and R2-D2 priors as functions ``prior(data, given)`` for :func:`pymc_ship.pymc_model`.
+"""Horseshoe and R2-D2 priors on the scaled columns as functions ``prior(data, given)`` for ``pymc_model``.
 
-Both are on the scaled columns; sigma2 of the scaled response ~ IG(2, 1). ``functools.partial`` sets hyperparameters.
+sigma2 of the scaled response ~ IG(2, 1). ``functools.partial`` sets hyperparameters.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """PyMC model of a regression and its sampling by NUTS; pymc is imported when called.
 
-NUTS moves in linear coordinates of a plug-in fit or, for normal errors and the package's priors, in those of
-:mod:`pymc_ship.inference.sampling.whitened_model`; the posterior does not depend on them.
+NUTS moves in coordinates in which the posterior is nearly standard normal; the posterior does not depend on them.
 """
 
 from __future__ import annotations
@@ -46,39 +45,37 @@ _NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
 
 
 def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Callable = "normal") -> pm.Model:
-    """PyMC model of the regression; its log density is exactly that of prior and original response.
+    """PyMC model of the regression; its log density is that of prior and original response.
 
     Parameters
     ----------
     data : RegressionData
     prior : Prior or callable
         On the scaled columns; mean and kappa may be vectors. A prior of your own is a function ``prior(data, given)``,
-        called inside the model: it makes and returns the scaled coefficients (dims coefficient, with
-        ``**given``) and the noise variance on the scaled response.
+        called inside the model, that makes and returns the scaled coefficients (with ``**given``) and the noise
+        variance on the scaled response.
     errors : {"normal", "student_t", "ar1"} or callable, optional
-        Student-t errors have the free variable ``degrees_of_freedom``, AR(1) errors ``autocorrelation``; see
-        :mod:`pymc_ship.inference.sampling.error_laws` for their priors. A likelihood of your own is a function
+        See :mod:`pymc_ship.inference.sampling.error_laws`. A likelihood of your own is a function
         ``errors(name, mu, sigma, given)`` that makes the observed variable ``name`` with ``**given``.
 
     Returns
     -------
     pymc.Model
-        With dims coefficient and row: free variables ``scaled_coefficients`` and ``scaled_noise_variance``, the rows as
-        data ``design_matrix`` and ``observed_response``, the observed variable ``response`` (dims row), and the
-        deterministic variables ``coefficients`` (dims coefficient) and ``noise_variance`` on the original scale.
+        Free variables ``scaled_coefficients``, ``scaled_noise_variance`` and, by the errors, ``degrees_of_freedom`` or
+        ``autocorrelation``; data ``design_matrix`` and ``observed_response``; observed ``response`` (dims row);
+        deterministic ``coefficients`` (dims coefficient) and ``noise_variance`` on the original scale.
 
     Raises
     ------
     ValueError
         For other errors.
     InferenceError
-        For AR(1) errors on rows that are not uniformly spaced in time. For hyperparameter vectors of the wrong length.
+        For AR(1) errors on rows not uniformly spaced in time, or hyperparameter vectors of the wrong length.
 
     References
     ----------
     Xue et al. (2020), Eq. 12 and 18, doi:10.1016/j.oceaneng.2019.106612; Abril-Pla et al. (2023), PyMC,
-    doi:10.7717/peerj-cs.1516; Papaspiliopoulos, Roberts & Skoeld (2007), A general framework for the parametrization
-    of hierarchical models, doi:10.1214/088342307000000014.
+    doi:10.7717/peerj-cs.1516; Papaspiliopoulos, Roberts & Skoeld (2007), doi:10.1214/088342307000000014.
 
     Examples
     --------
@@ -110,7 +107,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
         if callable(errors):
             errors("response", fit, pt.sqrt(noise_variance), given)
         else:
-            _row_density(errors, _law_parameter(errors), (fit, noise_variance), given)
+            _row_density(errors, fit, pt.sqrt(noise_variance), given)
     return model
 
 
@@ -124,29 +121,21 @@ def _package_prior(data: RegressionData, prior: Prior, given: dict) -> tuple:
     return pm.Normal("scaled_coefficients", mu=prior.means(data.n_terms), sigma=spread, **given), variance
 
 
-def _law_parameter(errors: str) -> Any:
-    """Parameter of an error law besides the noise variance, or None."""
-    import pymc as pm
-
-    if errors == "student_t":
-        return pm.Gamma("degrees_of_freedom", alpha=NU_SHAPE, beta=NU_RATE)
-    return pm.Uniform("autocorrelation", -1.0, 1.0) if errors == "ar1" else None
-
-
-def _row_density(errors: str, parameter: Any, moments: tuple, given: dict) -> None:
-    """Likelihood of the rows; for AR(1) each given the row before."""
+def _row_density(errors: str, fit: Any, sd: Any, given: dict) -> None:
+    """Likelihood of the rows under an error law, with its parameter; for AR(1) each row given the one before."""
     import pymc as pm
     import pytensor.tensor as pt
 
-    fit, sd = moments[0], pt.sqrt(moments[1])
     if errors == "student_t":
-        pm.StudentT("response", nu=parameter, mu=fit, sigma=sd, **given)
+        nu = pm.Gamma("degrees_of_freedom", alpha=NU_SHAPE, beta=NU_RATE)
+        pm.StudentT("response", nu=nu, mu=fit, sigma=sd, **given)
         return
     if errors == "ar1":
+        rho = pm.Uniform("autocorrelation", -1.0, 1.0)
         before = pt.as_tensor(given["observed"])[:-1] - fit[:-1]
         first = pt.arange(fit.shape[0]) < 1
-        fit = pt.inc_subtensor(fit[1:], parameter * before)
-        sd = sd * pt.switch(first, 1.0, pt.sqrt(1.0 - parameter**2))
+        fit = pt.inc_subtensor(fit[1:], rho * before)
+        sd = sd * pt.switch(first, 1.0, pt.sqrt(1.0 - rho**2))
     pm.Normal("response", mu=fit, sigma=sd, **given)
 
 
@@ -202,9 +191,8 @@ def nuts_posterior(
         As :func:`pymc_model`.
     draws : int, optional
         Draws of each chain after the warm-up.
-    chains : int, optional
-    tune : int, optional
-        Warm-up draws of each chain, which adapt step size and mass matrix.
+    chains, tune : int, optional
+        Chains, and warm-up draws of each, which adapt step size and mass matrix.
     rng : int, SeedSequence or Generator
         Seed of the sampler and of predictive draws.
     errors : {"normal", "student_t", "ar1"} or callable, optional
@@ -223,10 +211,9 @@ def nuts_posterior(
     DataTree
         As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the group sample_stats (dims chain, draw):
         ``lp``, ``energy``, ``energy_error``, ``tree_depth``, ``reached_max_treedepth``, ``n_steps``, ``step_size``,
-        ``step_size_bar``, ``acceptance_rate``, ``diverging``, as far as the sampler has them; and prior,
-        prior_predictive and posterior_predictive as :func:`~pymc_ship.inference.sampling.predictive.with_predictive`.
-        For errors that are not normal the posterior also holds ``degrees_of_freedom`` or ``autocorrelation``, and the
-        log likelihood of AR(1) is that of a row given those before it. Under a prior or likelihood of your own it is as
+        ``step_size_bar``, ``acceptance_rate``, ``diverging``, as far as the sampler has them; the groups of
+        :func:`~pymc_ship.inference.sampling.predictive.with_predictive`; and the parameter of the errors. The log
+        likelihood of AR(1) errors is that of a row given those before it. Under a prior or likelihood of your own as
         :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`.
 
     Raises
@@ -235,7 +222,7 @@ def nuts_posterior(
         For counts that are not positive, an acceptance rate outside 0 to 1, other errors, or a sampler that is unknown
         or not installed.
     InferenceError
-        For AR(1) errors on rows that are not uniformly spaced in time. For hyperparameter vectors of the wrong length.
+        For AR(1) errors on rows not uniformly spaced in time, or hyperparameter vectors of the wrong length.
 
     References
     ----------
@@ -252,48 +239,55 @@ def nuts_posterior(
     >>> tree["sample_stats"]["diverging"].sum().item()
     0
     """
-    rng = random_generator(rng)
-    sampler = _installed_sampler(sampler)
+    rng, sampler = random_generator(rng), _installed_sampler(sampler)
     state, seed = rng_state(rng), int(rng.integers(2**31))
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept, "cores": cores}
+    check_settings(settings)
     if _is_own(prior) or callable(errors):
         model = pymc_model(data, prior, errors)
         sampled = sample_model(model, settings, seed, progress, sampler)
         return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
     if sampler == "nutpie" and errors == "normal":
-        check_settings(settings)
         warn_of_uneven_columns(data, prior)
-        compiled = whitened_model.compiled(data.n_terms).with_data(**whitened_model.statistics(data, prior))
-        sampled = _sample_nutpie(compiled, settings, seed, progress)
-        sampled = _with_named_statistics(sampled, tune, sampler)
+        model = whitened_model.compiled(data.n_terms).with_data(**whitened_model.statistics(data, prior))
     else:
-        sampled = sample_model(pymc_model(data, prior, errors), settings, seed, progress, sampler)
-    posterior, law = sampled["posterior"].dataset, error_law(errors, data)
+        model = pymc_model(data, prior, errors)
+    sampled = sample_model(model, settings, seed, progress, sampler)
+    posterior, law = sampled["posterior"].dataset.transpose("chain", "draw", ...), error_law(errors, data)
     tree = draws_tree(
         data,
         prior,
-        posterior["coefficients"].transpose("chain", "draw", "coefficient").to_numpy(),
-        posterior["noise_variance"].transpose("chain", "draw").to_numpy(),
+        posterior["coefficients"].to_numpy(),
+        posterior["noise_variance"].to_numpy(),
         method="nuts",
         rng_state=state,
         groups={"sample_stats": sampled["sample_stats"].to_dataset()},
     )
     if law.parameter:
-        tree = with_errors(tree, data, errors, posterior[law.parameter].transpose("chain", "draw").to_numpy())
+        tree = with_errors(tree, data, errors, posterior[law.parameter].to_numpy())
     return with_predictive(tree, data, prior, rng=np.random.default_rng([seed, 1]))
 
 
-def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sampler: str | None = None) -> xr.DataTree:
-    """Groups posterior and sample_stats of NUTS; ``settings``: draws, chains, tune, target_accept, optional cores."""
+def sample_model(model: Any, settings: dict, seed: int, progress: bool, sampler: str | None = None) -> xr.DataTree:
+    """Groups posterior and sample_stats by NUTS, of a PyMC model or one that nutpie compiled.
+
+    ``settings``: draws, chains, tune, target_accept, optional cores.
+    """
+    import pymc as pm
+
     sampler = _installed_sampler(sampler)
-    check_settings(settings)
     if sampler == "nutpie":
         import nutpie
 
-        sampled = _sample_nutpie(nutpie.compile_pymc_model(model), settings, seed, progress)
+        compiled = nutpie.compile_pymc_model(model) if isinstance(model, pm.Model) else model
+        sampled = nutpie.sample(compiled, **settings, seed=seed, progress_bar=progress, save_warmup=False)
     else:
-        sampled = _sample_pymc(model, sampler, settings, seed, progress)
-    return _with_named_statistics(sampled, settings["tune"], sampler)
+        settings = settings | {"cores": settings.get("cores") or 1}
+        shown = {"progressbar": progress, "quiet": not progress, "compute_convergence_checks": False}
+        with model:
+            sampled = pm.sample(**settings, random_seed=seed, nuts_sampler=sampler, **shown)
+    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, settings["tune"], sampler)
+    return xr.DataTree.from_dict({"posterior": sampled["posterior"].to_dataset(), "sample_stats": statistics})
 
 
 def check_settings(settings: dict) -> None:
@@ -304,12 +298,6 @@ def check_settings(settings: dict) -> None:
     rate = settings.get("target_accept", 0.8)
     if not 0.0 < rate < 1.0:
         raise ValueError(f"An acceptance rate lies between 0 and 1, found {rate}; give one such as 0.9.")
-
-
-def _with_named_statistics(sampled: xr.DataTree, tune: int, sampler: str) -> xr.DataTree:
-    attrs = {"tuning_steps": tune, "inference_library": sampler, "inference_library_version": version(sampler)}
-    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, attrs)
-    return xr.DataTree.from_dict({"posterior": sampled["posterior"].to_dataset(), "sample_stats": statistics})
 
 
 def _is_own(prior: Prior | Callable) -> TypeIs[Callable]:
@@ -331,32 +319,11 @@ def _installed_sampler(sampler: str | None) -> str:
     return sampler
 
 
-def _sample_nutpie(compiled: Any, settings: dict, seed: int, progress: bool) -> xr.DataTree:
-    import nutpie
-
-    return nutpie.sample(compiled, **settings, seed=seed, progress_bar=progress, save_warmup=False)
-
-
-def _sample_pymc(model: pm.Model, sampler: str, settings: dict, seed: int, progress: bool) -> xr.DataTree:
-    import pymc as pm
-
-    settings = settings | {"cores": settings.get("cores") or 1}
-    with model:
-        return pm.sample(
-            **settings,
-            random_seed=seed,
-            nuts_sampler=sampler,
-            progressbar=progress,
-            quiet=not progress,
-            compute_convergence_checks=False,
-        )
-
-
-def nuts_sample_stats(raw: xr.Dataset, attrs: dict) -> xr.Dataset:
+def nuts_sample_stats(raw: xr.Dataset, tune: int, sampler: str) -> xr.Dataset:
     """Sample statistics by ArviZ name, as arrays of bool, int64 or float64."""
     named = raw.rename({given: name for given, name in _NUTPIE_NAMES.items() if given in raw})
     types = {name: kind for name, kind in _SAMPLE_STATS.items() if name in named}
     sample = ("chain", "draw")
     values: dict[str, tuple] = {name: (sample, named[name].to_numpy().astype(kind)) for name, kind in types.items()}
-    coords = {dim: np.arange(raw.sizes[dim]) for dim in sample}
-    return xr.Dataset(values, coords, attrs)
+    attrs = {"tuning_steps": tune, "inference_library": sampler, "inference_library_version": version(sampler)}
+    return xr.Dataset(values, {dim: np.arange(raw.sizes[dim]) for dim in sample}, attrs)

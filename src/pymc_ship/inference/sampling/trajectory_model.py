@@ -1,12 +1,8 @@
-"""PyMC model of whole trajectories and its sampling by NUTS; pymc is imported when called.
-
-Unknowns are mode + square root times ``direction_coordinate``, by the normal approximation: NUTS needs few steps.
-"""
+"""PyMC model of whole trajectories and its sampling by NUTS; pymc is imported when called."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from importlib.metadata import version
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +18,7 @@ from pymc_ship.inference.trajectory.posterior import log_likelihood_rows, log_pr
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import coefficient_names
 
 if TYPE_CHECKING:
     import pymc as pm
@@ -36,9 +30,7 @@ def trajectory_model(
     prior: str | CoefficientPrior = "order_damped",
     **settings: Any,
 ) -> pm.Model:
-    """PyMC model of whole trajectories: prior, simulated motion and noise, in coordinates about the mode.
-
-    Noise and factors tau of the prior are fixed at the fit of :func:`pymc_ship.trajectory_posterior`.
+    """PyMC model of whole trajectories about their mode; noise and tau as :func:`pymc_ship.trajectory_posterior`.
 
     Parameters
     ----------
@@ -53,11 +45,11 @@ def trajectory_model(
     Returns
     -------
     pymc.Model
-        Free variable ``direction_coordinate`` (dims direction); deterministic ``coefficients`` (dims coefficient),
-        ``initial_state`` (dims run, state) and, with offsets, ``sensor_offset`` (dims run, channel), NaN where a run
-        has no such state or channel; observed ``response`` (dims row, channel), the block means of the record or, under
-        Student's t noise, pseudo-data. Several runs: ``response_0`` (dims row_0, channel_0), ``response_1``, ... The
-        log density is minus infinity, with a finite gradient, where the simulation diverges.
+        Free variable ``direction_coordinate`` (dims direction), in which the normal approximation is standard normal;
+        deterministic ``coefficients`` (dims coefficient), ``initial_state`` (dims run, state) and, with offsets,
+        ``sensor_offset`` (dims run, channel), NaN where a run has no such state or channel; observed ``response`` (dims
+        row, channel), the block means or, under Student's t noise, pseudo-data. Several runs: ``response_0`` (dims
+        row_0, channel_0), ``response_1``, ... The log density is minus infinity where the simulation diverges.
 
     Raises
     ------
@@ -70,8 +62,7 @@ def trajectory_model(
     ----------
     Maine & Iliff (1986), NASA RP-1168; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516.
     """
-    vessel = as_vessel(vessel)
-    return mode_model(trajectory_mode(trials, vessel, prior, **settings))
+    return mode_model(trajectory_mode(trials, as_vessel(vessel), prior, **settings))
 
 
 def mode_model(mode: TrajectoryMode) -> pm.Model:
@@ -106,26 +97,15 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
     return model
 
 
-def _channels(problem: Problem) -> list[str]:
-    return list(dict.fromkeys(name for run in problem.runs for name in run.channels))
-
-
 def _suffix(problem: Problem, k: int) -> str:
     return f"_{k}" if len(problem.runs) > 1 else ""
 
 
 def _coords(problem: Problem) -> dict:
-    coords = {
-        "direction": np.arange(problem.unit.size),
-        "coefficient": coefficient_names(problem.vessel),
-        "run": np.arange(len(problem.runs)),
-        "state": list(STATE[: max(run.n_states for run in problem.runs)]),
-    }
-    if any(noise.offsets for noise in problem.noise):
-        coords["channel"] = _channels(problem)
+    coords = {"direction": np.arange(problem.unit.size), **problem.labels}
     for k, run in enumerate(problem.runs):
-        names = "row" + _suffix(problem, k), "channel" + _suffix(problem, k)
-        coords |= dict(zip(names, (np.arange(run.n_blocks), list(run.channels)), strict=True))
+        suffix = _suffix(problem, k)
+        coords |= {"row" + suffix: np.arange(run.n_blocks), "channel" + suffix: list(run.channels)}
     return coords
 
 
@@ -135,15 +115,15 @@ def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: l
     import pytensor.tensor as pt
 
     pm.Deterministic("coefficients", coefficients, dims="coefficient")
-    channels, n_runs = _channels(problem), len(problem.runs)
-    state = pt.full((n_runs, max(run.n_states for run in problem.runs)), np.nan)
+    labels, channels, n_runs = problem.labels, problem.channels, len(problem.runs)
+    state = pt.full((n_runs, len(labels["state"])), np.nan)
     offset = pt.full((n_runs, len(channels)), np.nan)
     for k, (run, noise, values) in enumerate(zip(problem.runs, problem.noise, nuisances, strict=True)):
         state = state[k, : run.n_states].set(values[: run.n_states])
         if noise.offsets:
             offset = offset[k, [channels.index(name) for name in run.channels]].set(values[run.n_states :])
     pm.Deterministic("initial_state", state, dims=("run", "state"))
-    if any(noise.offsets for noise in problem.noise):
+    if "channel" in labels:
         pm.Deterministic("sensor_offset", offset, dims=("run", "channel"))
 
 
@@ -188,10 +168,8 @@ def trajectory_nuts_posterior(
         As :func:`trajectory_model`.
     draws : int, optional
         Draws of each chain after the warm-up.
-    chains : int, optional
-        Chains, in parallel.
-    tune : int, optional
-        Warm-up draws of each chain, which adapt step size and mass matrix.
+    chains, tune : int, optional
+        Parallel chains, and warm-up draws of each, which adapt step size and mass matrix.
     rng : int, SeedSequence or Generator
         Gives the integer seed of the sampler.
 
@@ -215,9 +193,8 @@ def trajectory_nuts_posterior(
     Hoffman & Gelman (2014), JMLR 15:1593; Maine & Iliff (1986), NASA RP-1168.
     """
     rng = random_generator(rng)
-    vessel = as_vessel(vessel)
     check_settings({"draws": draws, "chains": chains, "tune": tune})
-    mode = trajectory_mode(trials, vessel, prior, **settings)
+    mode = trajectory_mode(trials, as_vessel(vessel), prior, **settings)
     return mode_nuts_posterior(mode, draws=draws, chains=chains, tune=tune, rng=rng)
 
 
@@ -227,14 +204,12 @@ def mode_nuts_posterior(
     """Draws of NUTS around a mode; see :func:`trajectory_nuts_posterior`."""
     import nutpie
 
-    check_settings({"draws": draws, "chains": chains, "tune": tune})
     fit, state, seed = mode.choice.fit, rng_state(rng), int(rng.integers(2**31))
     sampled = nutpie.sample(
         _nutpie_density(mode), draws=draws, chains=chains, tune=tune, seed=seed, progress_bar=False, save_warmup=False
     )
     coordinates = sampled["posterior"]["direction_coordinate"]
-    attrs = {"tuning_steps": tune, "inference_library": "nutpie", "inference_library_version": version("nutpie")}
-    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, attrs)
+    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, tune, "nutpie")
     unknowns = fit.unknowns + coordinates.to_numpy() @ fit.square_root.T
     flat = unknowns.reshape(-1, fit.unknowns.size)
     log_likelihood = log_likelihood_rows(fit, flat)

@@ -5,7 +5,7 @@ Unknowns: coefficients, initial state of each run and, optionally, sensor offset
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +13,9 @@ import numpy as np
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.inference.trajectory.runs import Run, whiten
 from pymc_ship.machine.errors import FitError
+from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.sensitivities import sensitivities
-from pymc_ship.physics.vessel.vessel import Vessel, per_run_indices
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_run_indices
 
 CHANGE = 1e-4
 """Convergence: the next step would lower the negative log posterior by less."""
@@ -31,10 +32,7 @@ _LEAST_SINGULAR_VALUE = 1e-12
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of the block means of one run, by channel: sd, lag-one correlation, constant offsets or not.
-
-    ``values`` (n_channels, n_blocks): block means, or pseudo-data of the same score under Student's t.
-    """
+    """Noise of the block means of one run; ``values``: the means or, under Student's t, pseudo-data of its score."""
 
     sd: np.ndarray
     correlation: np.ndarray
@@ -49,10 +47,7 @@ def white_noise(run: Run, *, offsets: bool = False) -> Noise:
 
 @dataclass(frozen=True)
 class Problem:
-    """Runs, vessel, prior, noise of each run and factors tau by DOF.
-
-    ``trial_indices`` is the trial of each run; each trial has its own current. If empty, all runs share one.
-    """
+    """Runs, vessel, prior, noise of each run, factors tau by DOF, and the trial of each run (if empty: the same)."""
 
     runs: tuple[Run, ...]
     vessel: Vessel
@@ -84,6 +79,21 @@ class Problem:
     def n_coefficients(self) -> int:
         """Number of coefficients of all DOFs."""
         return self.prior.mean.size
+
+    @property
+    def channels(self) -> list[str]:
+        """Channels of all runs."""
+        return list(dict.fromkeys(name for run in self.runs for name in run.channels))
+
+    @property
+    def labels(self) -> dict:
+        """Coordinates of coefficients, initial states and, if there are any, sensor offsets."""
+        labels = {
+            "coefficient": coefficient_names(self.vessel),
+            "run": np.arange(len(self.runs)),
+            "state": list(STATE[: max(run.n_states for run in self.runs)]),
+        }
+        return labels | ({"channel": self.channels} if any(noise.offsets for noise in self.noise) else {})
 
     @property
     def nuisances(self) -> list[slice]:
@@ -130,10 +140,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Log likelihood at one point, with gradient and Gauss-Newton matrix of its negative in the problem's units.
-
-    ``residuals``: whitened misfit of each run (n_channels, n_blocks) in sd.
-    """
+    """Log likelihood, gradient and Gauss-Newton matrix of its negative in the problem's units, whitened residuals."""
 
     log_likelihood: float
     gradient: np.ndarray
@@ -147,12 +154,10 @@ class TrajectoryFit:
 
     Attributes
     ----------
-    problem : Problem
     unknowns : ndarray, shape (n_unknowns,); coefficients, then initial state and offsets of each run, physical units
     square_root : ndarray, shape (n_unknowns, n_unknowns); R with R R' the posterior covariance, physical units
-    residuals : tuple of ndarray, shape (n_channels, n_blocks); whitened misfit of each run in sd
-    log_likelihood, log_evidence : float; for a partly flat prior the evidence is up to a constant
-    n_steps : int; steps of Levenberg-Marquardt
+    residuals : tuple of ndarray, shape (n_channels, n_blocks); whitened misfit of each run
+    log_evidence : float; up to a constant for a partly flat prior
     """
 
     problem: Problem
@@ -161,11 +166,10 @@ class TrajectoryFit:
     residuals: tuple[np.ndarray, ...]
     log_likelihood: float
     log_evidence: float
-    n_steps: int
 
     @property
     def coefficients(self) -> np.ndarray:
-        """Posterior mode of the coefficients, shape (n_coefficients,)."""
+        """Posterior mode of the coefficients, (n_coefficients,)."""
         return self.unknowns[: self.problem.n_coefficients]
 
     @property
@@ -191,12 +195,9 @@ def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
     misfit = problem.prior.likelihood_or_flat.residuals(unknowns[: problem.n_coefficients])
     gradient, matrix, residuals = -design.T @ misfit, design.T @ design, []
     log_likelihood = -0.5 * float(misfit @ misfit)
-    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
-    for run, noise, columns, nuisance_slice in pieces:
-        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[nuisance_slice])
+    for noise, (indices, rows) in zip(problem.noise, linearised_runs(problem, unknowns), strict=True):
         if not rows:
             return None
-        indices = np.r_[columns, nuisance_slice]
         local = np.zeros((indices.size, indices.size))
         for misfit, design in rows:
             gradient[indices] -= design.T @ misfit
@@ -205,6 +206,15 @@ def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
         residuals.append(np.array([misfit for misfit, _ in rows]))
         log_likelihood += _log_normal(residuals[-1], noise)
     return Linearisation(log_likelihood, gradient * unit, matrix * np.outer(unit, unit), tuple(residuals))
+
+
+def linearised_runs(
+    problem: Problem, unknowns: np.ndarray
+) -> Iterator[tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]]:
+    """Indices of the unknowns of each run, coefficients first, and its :func:`run_rows`."""
+    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
+    for run, noise, columns, nuisances in pieces:
+        yield np.r_[columns, nuisances], run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[nuisances])
 
 
 def run_rows(
@@ -235,16 +245,6 @@ def _log_normal(white: np.ndarray, noise: Noise) -> float:
     return float(-0.5 * (np.sum(white**2) + white.size * _LOG_2PI) - np.sum(log_sd))
 
 
-@dataclass(frozen=True)
-class _Mode:
-    """End point of a descent: unknowns, linearisation and number of steps."""
-
-    problem: Problem
-    unknowns: np.ndarray
-    point: Linearisation
-    n_steps: int
-
-
 def _cost(problem: Problem, unknowns: np.ndarray, point: Linearisation | None) -> float:
     if point is None:
         return np.inf
@@ -252,8 +252,8 @@ def _cost(problem: Problem, unknowns: np.ndarray, point: Linearisation | None) -
     return -point.log_likelihood + 0.5 * float(np.sum(problem.precision * distance**2))
 
 
-def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
-    """Levenberg-Marquardt with damping in units of the prior (Nielsen 1999)."""
+def _descend(problem: Problem, start: np.ndarray, change: float) -> tuple[np.ndarray, Linearisation]:
+    """Minimum and its linearisation by Levenberg-Marquardt with the damping of Nielsen (1999)."""
     unknowns, unit, center, precision = start.copy(), problem.unit, problem.center, problem.precision
     point = linearise(problem, unknowns)
     cost = _cost(problem, unknowns, point)
@@ -263,12 +263,12 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
             "start of the fit; add a run with smaller rudder angles, or a prior nearer to the ship."
         )
     damping, growth = 1e-3, 2.0
-    for n_steps in range(_MOST_STEPS):
+    for _ in range(_MOST_STEPS):
         slope = point.gradient + precision * (unknowns - center) / unit
         step = -_solve(point.matrix + np.diag(precision + damping), slope)
         expected = 0.5 * step @ (damping * step - slope)
         if growth == 2.0 and expected < change:
-            return _Mode(problem, unknowns, point, n_steps)
+            return unknowns, point
         trial = unknowns + unit * step
         ahead = linearise(problem, trial)
         gain = cost - _cost(problem, trial, ahead)
@@ -278,7 +278,7 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
         else:
             damping, growth = damping * growth, 2.0 * growth
         if damping > 1e12:
-            return _Mode(problem, unknowns, point, n_steps)
+            return unknowns, point
     raise FitError(
         f"A fit converges in {_MOST_STEPS} steps, found no minimum; give more runs or a prior nearer to the ship."
     )
@@ -291,47 +291,35 @@ def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) -> TrajectoryFit:
-    """Posterior mode from a start, factors tau of the prior by evidence, and the normal approximation.
-
-    Descents alternate with MacKay's fixed point for tau of each DOF on the linearised problem, until tau converges.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : ndarray, shape (n_unknowns,); coefficients, then initial state and offsets of each run
-    change : float, optional
-
-    Returns
-    -------
-    TrajectoryFit
+    """Posterior mode from a start (n_unknowns,), factors tau of the prior by evidence, and the normal approximation.
 
     Raises
     ------
     FitError
-        When the start diverges, no minimum is reached or, under a flat prior, the minimum is not unique.
+        When the start diverges, no minimum is reached or, under a flat prior, it is not unique.
 
     References
     ----------
-    Marquardt (1963), doi:10.1137/0111030, with the damping of Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986),
-    NASA RP-1168, for the output-error method; MacKay (1992), doi:10.1162/neco.1992.4.3.415, for the scales.
+    Marquardt (1963), doi:10.1137/0111030; Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986), NASA RP-1168; MacKay
+    (1992), doi:10.1162/neco.1992.4.3.415 (tau).
     """
-    mode = _descend(problem, start, change)
-    n_steps = mode.n_steps
+    unknowns, point = _descend(problem, start, change)
     for _ in range(_MOST_REFITS if problem.prior.tuned.any() else 0):
-        tau = _tuned_tau(mode)
-        converged = np.max(np.abs(np.log(tau / mode.problem.tau))) < 0.02
-        mode = _descend(replace(mode.problem, tau=tau), mode.unknowns, change)
-        n_steps += mode.n_steps
+        tau = _tuned_tau(problem, unknowns, point)
+        converged = np.max(np.abs(np.log(tau / problem.tau))) < 0.02
+        problem = replace(problem, tau=tau)
+        unknowns, point = _descend(problem, unknowns, change)
         if converged:
             break
-    return _approximation(replace(mode, n_steps=n_steps))
+    square_root, log_evidence = _normal_approximation(problem, unknowns, point.log_likelihood)
+    return TrajectoryFit(problem, unknowns, square_root, point.residuals, point.log_likelihood, log_evidence)
 
 
-def _tuned_tau(mode: _Mode) -> np.ndarray:
+def _tuned_tau(problem: Problem, unknowns: np.ndarray, point: Linearisation) -> np.ndarray:
     """Factors tau of greatest evidence of the linearised problem (MacKay 1992)."""
-    problem, dofs, M = mode.problem, coefficient_dofs(mode.problem.vessel), mode.point.matrix
-    at = (mode.unknowns - problem.center) / problem.unit
-    linear_term = M @ at - mode.point.gradient
+    dofs, M = coefficient_dofs(problem.vessel), point.matrix
+    at = (unknowns - problem.center) / problem.unit
+    linear_term = M @ at - point.gradient
     for _ in range(_MOST_TAU_UPDATES):
         precision = problem.precision
         size = np.sqrt(np.diag(M) + precision)
@@ -350,15 +338,11 @@ def _tuned_tau(mode: _Mode) -> np.ndarray:
     return problem.tau
 
 
-def _approximation(mode: _Mode) -> TrajectoryFit:
-    """Normal approximation by the SVD of the whitened design with the rows of the prior."""
-    problem, unknowns = mode.problem, mode.unknowns
+def _normal_approximation(problem: Problem, unknowns: np.ndarray, log_likelihood: float) -> tuple[np.ndarray, float]:
+    """Square root of the covariance and log evidence, by the SVD of the whitened design with the rows of the prior."""
     unit, precision = problem.unit, problem.precision
     blocks = [np.diag(np.sqrt(precision)), problem.likelihood_design * unit]
-    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
-    for run, noise, columns, nuisance_slice in pieces:
-        indices = np.r_[columns, nuisance_slice]
-        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[nuisance_slice])
+    for indices, rows in linearised_runs(problem, unknowns):
         triangle = np.linalg.qr(np.vstack([design for _, design in rows]) * unit[indices], mode="r")
         blocks.append(np.zeros((len(triangle), unit.size)))
         blocks[-1][:, indices] = triangle
@@ -371,17 +355,8 @@ def _approximation(mode: _Mode) -> TrajectoryFit:
     distance = (unknowns - problem.center) / unit
     log_precision = np.log(np.where(precision > 0.0, precision, 1.0))
     log_prior = 0.5 * np.sum(log_precision - _LOG_2PI - precision * distance**2)
-    log_evidence = mode.point.log_likelihood + log_prior + 0.5 * unit.size * _LOG_2PI - np.sum(np.log(s))
-    root, point = unit[:, None] * right.T / s, mode.point
-    return TrajectoryFit(
-        problem=problem,
-        unknowns=unknowns,
-        square_root=root,
-        residuals=point.residuals,
-        log_likelihood=point.log_likelihood,
-        log_evidence=float(log_evidence),
-        n_steps=mode.n_steps,
-    )
+    log_evidence = log_likelihood + log_prior + 0.5 * unit.size * _LOG_2PI - np.sum(np.log(s))
+    return unit[:, None] * right.T / s, float(log_evidence)
 
 
 def initial_problem(runs: Sequence[Run], vessel: Vessel, prior: CoefficientPrior, *, offsets: bool = False) -> Problem:

@@ -26,14 +26,7 @@ _SAME_MODE_SD = 0.5  # largest distance of equal modes [posterior sd]
 
 @dataclass(frozen=True)
 class TrajectoryMode:
-    """Best mode of several starts.
-
-    Attributes
-    ----------
-    choice : NoiseChoice
-    n_starts, n_agreeing : int; number of starts, and of those that reached this mode
-    quality_flags : dict of str to str; of the records
-    """
+    """Best mode of several starts, how many reached it, and the quality flags of the records."""
 
     choice: NoiseChoice
     n_starts: int

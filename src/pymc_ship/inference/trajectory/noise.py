@@ -1,4 +1,4 @@
-"""Choice of the noise model by tests of the residuals of a fit under white noise, and the fit under that model."""
+"""Choice of the noise model by tests of the residuals under white noise, and the fit under that model."""
 
 from __future__ import annotations
 
@@ -40,10 +40,7 @@ _DEGREES_OF_FREEDOM = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """p-values of tests of white normal noise, each for all runs and channels together.
-
-    ``serial`` (Ljung-Box), ``offset`` (score test), ``tails`` (kurtosis), ``size`` (chi2 against the sd assumed).
-    """
+    """p-values for all runs and channels: Ljung-Box, score test of offsets, kurtosis, chi2 against the assumed sd."""
 
     serial: float
     offset: float
@@ -53,16 +50,9 @@ class ResidualTests:
 
 @dataclass(frozen=True)
 class NoiseChoice:
-    """Fit under the chosen noise model, with the reason in ``sentence``.
+    """Fit under noise of a kind, with the tests under white noise and the reason as a sentence.
 
-    Attributes
-    ----------
-    fit : TrajectoryFit
-    kind : {"white", "ar1", "student_t"}
-    offsets : bool; whether each sensor of each run has a constant offset among the unknowns
-    degrees_of_freedom : float; of Student's t, infinite otherwise
-    tests : ResidualTests; of the fit with white noise and without offsets
-    sentence : str
+    ``offsets``: whether each sensor of each run has a constant offset; ``degrees_of_freedom``: of Student's t, or inf.
     """
 
     fit: TrajectoryFit
@@ -82,21 +72,7 @@ def fit_with_noise(
     noise: str = "auto",
     offsets: bool | None = None,
 ) -> NoiseChoice:
-    """Fit trajectories under a given noise model, or the one chosen by tests of the residuals.
-
-    Parameters
-    ----------
-    runs : sequence of Run
-    vessel : Vessel
-    prior : CoefficientPrior
-    start : ndarray, shape (n_coefficients,)
-    noise : {"auto", "white", "ar1", "student_t"}, optional
-    offsets : bool, optional
-        Constant sensor offsets as unknowns; default: by the score test.
-
-    Returns
-    -------
-    NoiseChoice
+    """Fit from a start (n_coefficients,) under one of NOISE_MODELS; ``offsets`` None: by the score test.
 
     Raises
     ------
@@ -129,13 +105,13 @@ def _white_fit(problem: Problem, start: np.ndarray) -> TrajectoryFit:
     try:
         return fit_trajectory(problem, start)
     except FitError:
-        if not all(np.isfinite(values).all() for values in _residuals(problem, start)):
+        if not all(np.isfinite(values).all() for values in sample_residuals(problem, start)):
             raise
     prior, unknowns = problem.prior, start
     problem = replace(problem, prior=replace(prior, tuned=np.zeros_like(prior.tuned)))
     for _ in range(_MOST_PASSES):
         noise = []
-        for run, residuals in zip(problem.runs, _residuals(problem, unknowns), strict=True):
+        for run, residuals in zip(problem.runs, sample_residuals(problem, unknowns), strict=True):
             assumed, estimated = white_noise(run), _normal_noise(run, residuals, offsets=False, correlated=False)
             noise.append(replace(assumed, sd=np.maximum(assumed.sd, estimated.sd)))
         fit = fit_trajectory(replace(problem, noise=tuple(noise)), unknowns)
@@ -157,9 +133,8 @@ def _correlated_or_shifted(white: TrajectoryFit) -> str:
 def residual_tests(fit: TrajectoryFit) -> ResidualTests:
     """Tests of the residuals of a fit with white noise and without offsets."""
     p_size, p_tails, problem = [], [], fit.problem
-    for run, noise, white, samples in zip(
-        problem.runs, problem.noise, fit.residuals, sample_residuals(fit), strict=True
-    ):
+    all_samples = sample_residuals(problem, fit.unknowns)
+    for run, noise, white, samples in zip(problem.runs, problem.noise, fit.residuals, all_samples, strict=True):
         size = np.mean(white**2, axis=1) * (noise.sd / white_noise(run).sd) ** 2
         spread = np.sqrt(2.0 / white.shape[1] + 5.4 / run.inputs.shape[1])
         p_size += list(2.0 * stats.norm.sf(np.abs(size - 1.0) / spread))
@@ -208,12 +183,8 @@ def offset_test(fit: TrajectoryFit) -> float:
     return float(stats.chi2.sf(step @ np.linalg.solve(covariance[np.ix_(free, free)], step), free.sum()))
 
 
-def sample_residuals(fit: TrajectoryFit) -> list[np.ndarray]:
-    """Raw samples minus fitted motion and offsets of each run, each (n_channels, n_time)."""
-    return _residuals(fit.problem, fit.unknowns)
-
-
-def _residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
+def sample_residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
+    """Raw samples minus simulated motion and offsets of each run, each (n_channels, n_time)."""
     residuals = []
     for run, nuisance_slice, noise in zip(problem.runs, problem.nuisances, problem.noise, strict=True):
         nuisances = unknowns[nuisance_slice]
@@ -225,17 +196,12 @@ def _residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
 
 
 def white_misfits(problem: Problem, unknowns: np.ndarray) -> Iterator[np.ndarray]:
-    """Whitened misfit of each run for draws of the unknowns (n_draws, n_unknowns).
-
-    Each of shape (n_channels, n_draws, n_blocks); NaN where a draw leaves the model's range.
-    """
-    for run, noise, columns, nuisance_slice in zip(
-        problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True
-    ):
+    """Whitened misfit (n_channels, n_draws, n_blocks) of each run for draws of the unknowns; NaN where one diverges."""
+    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
+    for run, noise, columns, nuisance_slice in pieces:
         theta, nuisances = unknowns[:, columns], unknowns[:, nuisance_slice]
-        motion = replay(
-            problem.vessel, run.inputs, nuisances[:, : run.n_states], theta, block=run.block, **run.integration
-        )
+        start = nuisances[:, : run.n_states]
+        motion = replay(problem.vessel, run.inputs, start, theta, block=run.block, **run.integration)
         offsets = nuisances[:, run.n_states :] if noise.offsets else np.zeros((len(unknowns), len(run.channels)))
         misfit = noise.values[:, None] - motion[list(run.rows)] - offsets.T[:, :, None]
         laws = zip(misfit, noise.sd, noise.correlation, strict=True)
@@ -248,7 +214,7 @@ def _fit_under_noise(
     """Fit under a noise model whose parameters come from the residuals, from the mode of another fit."""
     degrees_of_freedom = np.inf
     if kind == "white" and tests is not None and tests.size >= ALPHA:
-        noise = [white_noise(run, offsets=offsets) for run in fit.problem.runs]
+        noise = [white_noise(run, offsets=True) for run in fit.problem.runs]
         return (_refit(fit, noise) if offsets else fit), degrees_of_freedom
     for _ in range(_MOST_PASSES):
         if kind == "student_t":
@@ -256,7 +222,7 @@ def _fit_under_noise(
         else:
             noise = [
                 _normal_noise(run, residuals, offsets, correlated=kind == "ar1")
-                for run, residuals in zip(fit.problem.runs, sample_residuals(fit), strict=True)
+                for run, residuals in zip(fit.problem.runs, sample_residuals(fit.problem, fit.unknowns), strict=True)
             ]
         previous, fit = fit, _refit(fit, noise)
         if np.max(np.abs(fit.coefficients - previous.coefficients) / fit.sd) < _CONVERGED:
@@ -288,15 +254,16 @@ def _normal_noise(run: Run, residuals: np.ndarray, offsets: bool, *, correlated:
 
 def _student_noise(fit: TrajectoryFit, offsets: bool) -> tuple[float, list[Noise]]:
     """Student-t noise as pseudo-data: blocks whose mean and sd have its score and Fisher information."""
-    runs, residuals = fit.problem.runs, sample_residuals(fit)
+    runs, residuals = fit.problem.runs, sample_residuals(fit.problem, fit.unknowns)
     rows = [values for run in residuals for values in run]
-    scales = [[_t_scale(values, nu) for values in rows] for nu in _DEGREES_OF_FREEDOM]
-    total = [
-        sum(stats.t.logpdf(values, nu, scale=scale).sum() for values, scale in zip(rows, row, strict=True))
-        for nu, row in zip(_DEGREES_OF_FREEDOM, scales, strict=True)
-    ]
-    best = int(np.argmax(total))
-    nu, scale, begin, noise = _DEGREES_OF_FREEDOM[best], np.array(scales[best]), 0, []
+    scales = {nu: [_t_scale(values, nu) for values in rows] for nu in _DEGREES_OF_FREEDOM}
+
+    def log_density(nu: float) -> float:
+        pieces = zip(rows, scales[nu], strict=True)
+        return sum(stats.t.logpdf(values, nu, scale=scale).sum() for values, scale in pieces)
+
+    nu = max(_DEGREES_OF_FREEDOM, key=log_density)
+    scale, begin, noise = np.array(scales[nu]), 0, []
     information = (nu + 1.0) / (nu + 3.0)
     for run, values in zip(runs, residuals, strict=True):
         sigma = scale[begin : begin + len(values), None]
@@ -327,19 +294,12 @@ def _sentence(kind: str, offsets: bool, nu: float, tests: ResidualTests, fit: Tr
         "student_t": f"Student's t noise with {nu:g} degrees of freedom",
     }[kind]
     extra = " and a constant offset of each sensor" if offsets else ""
-    failed_tests = [
-        f"{name} (p = {p:.2g})"
-        for name, p in (
-            ("serial correlation", tests.serial),
-            ("sensor offsets", tests.offset),
-            ("heavy tails", tests.tails),
-            ("a size that differs from the sd assumed", tests.size),
-        )
-        if p < ALPHA
-    ]
-    reason = (
-        f"the residuals under plain white noise show {', '.join(failed_tests)}"
-        if failed_tests
-        else "the residuals are white"
-    )
+    p_values = {
+        "serial correlation": tests.serial,
+        "sensor offsets": tests.offset,
+        "heavy tails": tests.tails,
+        "a size that differs from the sd assumed": tests.size,
+    }
+    failed_tests = ", ".join(f"{name} (p = {p:.2g})" for name, p in p_values.items() if p < ALPHA)
+    reason = f"the residuals under plain white noise show {failed_tests}" if failed_tests else "the residuals are white"
     return f"Fitted with {law}{extra}: {reason}; chi2 per value {fit.chi2:.2f}."

@@ -10,11 +10,10 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, rng_state
-from pymc_ship.inference.trajectory.fit import Noise, Problem, TrajectoryFit
+from pymc_ship.inference.trajectory.fit import Problem, TrajectoryFit
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfits
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
-from pymc_ship.inference.trajectory.runs import Run
 from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
@@ -42,8 +41,7 @@ def trajectory_posterior(
 ) -> xr.DataTree:
     """Posterior of all coefficients of a vessel from whole trajectories (output-error method, Laplace approximation).
 
-    The simulated motion is fitted to the raw records without derivatives or smoothing. Pareto k-hat of the importance
-    weights diagnoses the normal approximation; above 0.7 use :func:`pymc_ship.trajectory_nuts_posterior`.
+    For a Pareto k-hat of the importance weights above 0.7 use :func:`pymc_ship.trajectory_nuts_posterior`.
 
     Parameters
     ----------
@@ -66,10 +64,10 @@ def trajectory_posterior(
     DataTree
         Groups posterior (``coefficients`` of all DOFs, ``initial_state`` and, with offsets, ``sensor_offset`` of each
         run), log_likelihood (``response``, one row for each block of samples, all channels together), log_prior,
-        observed_data (block means by row and channel) and constant_data (``time``, ``run``, ``motion`` in prime
-        values, ``fitted``, ``prior_sd`` of the coefficients, ``noise_sd`` of a sample, ``block_sd`` and ``correlation``
-        of the blocks). Attrs: noise model and its reason, mean chi2, Pareto k-hat and verdict, factors tau, number of
-        starts that agree, fraction of draws that diverge on the records.
+        observed_data (block means by row and channel) and constant_data (``time``, ``run``, prime ``motion``,
+        ``fitted``, ``prior_sd``, ``noise_sd`` of a sample, ``block_sd`` and ``correlation`` of the blocks). Attrs:
+        noise model with its reason, mean chi2, Pareto k-hat, verdict, tau, starts that agree, fraction of diverged
+        draws.
 
     Raises
     ------
@@ -104,9 +102,7 @@ def trajectory_posterior(
     rng = random_generator(rng)
     vessel = as_vessel(vessel)
     if draws < 1 or chains < 1 or draws % chains:
-        raise ValueError(
-            f"Chains have equal numbers of draws, found {draws} draws for {chains} chains; give a multiple."
-        )
+        raise ValueError(f"Chains have equal numbers of draws, found {draws} for {chains} chains; give a multiple.")
     mode = trajectory_mode(trials, vessel, prior, **settings)
     return laplace_posterior(mode, draws=draws, chains=chains, rng=rng)
 
@@ -126,13 +122,8 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
     log_weight = np.where(finite, log_likelihood.sum(axis=1) + log_prior + 0.5 * np.sum(standard**2, axis=1), -np.inf)
     khat = pareto_khat(log_weight[finite])
     attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~finite))}
-    layout = (chains, draws // chains)
-    return trajectory_tree(
-        mode,
-        *(values.reshape(*layout, *values.shape[1:]) for values in (unknowns, log_likelihood, log_prior)),
-        method="trajectory",
-        attrs=attrs | {"rng_state": state},
-    )
+    by_chain = (values.reshape(chains, -1, *values.shape[1:]) for values in (unknowns, log_likelihood, log_prior))
+    return trajectory_tree(mode, *by_chain, method="trajectory", attrs=attrs | {"rng_state": state})
 
 
 def pareto_khat(log_weight: np.ndarray) -> float:
@@ -150,18 +141,14 @@ def verdict(khat: float) -> str:
 
 
 def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
-    """Log likelihood of every block over all channels, (n_draws, n_rows); NaN where a draw diverges."""
-    pieces = zip(fit.problem.noise, white_misfits(fit.problem, unknowns), strict=True)
-    return np.hstack([_run_log_likelihood(noise, white) for noise, white in pieces])
-
-
-def _run_log_likelihood(noise: Noise, white: np.ndarray) -> np.ndarray:
-    """Log density of the blocks of one run, each given the one before, (n_draws, n_blocks)."""
-    total = np.zeros(white.shape[1:])
-    for values, sd, correlation in zip(white, noise.sd, noise.correlation, strict=True):
-        total -= 0.5 * (values**2 + _LOG_2PI) + np.log(sd)
-        total[:, 1:] -= 0.5 * np.log1p(-(correlation**2))
-    return total
+    """Log likelihood of every block, given the one before, (n_draws, n_rows); NaN where a draw diverges."""
+    rows = []
+    for noise, white in zip(fit.problem.noise, white_misfits(fit.problem, unknowns), strict=True):
+        rows.append(np.zeros(white.shape[1:]))
+        for values, sd, correlation in zip(white, noise.sd, noise.correlation, strict=True):
+            rows[-1] -= 0.5 * (values**2 + _LOG_2PI) + np.log(sd)
+            rows[-1][:, 1:] -= 0.5 * np.log1p(-(correlation**2))
+    return np.hstack(rows)
 
 
 def log_prior_density(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
@@ -184,26 +171,13 @@ def trajectory_tree(
     attrs: Mapping[str, object],
     groups: Mapping[str, xr.Dataset] | None = None,
 ) -> xr.DataTree:
-    """DataTree of draws of all unknowns, as of :func:`trajectory_posterior`.
-
-    Parameters
-    ----------
-    mode : TrajectoryMode
-    unknowns : ndarray, shape (n_chains, n_draws, n_unknowns)
-    log_likelihood : ndarray, shape (n_chains, n_draws, n_rows)
-    log_prior : ndarray, shape (n_chains, n_draws)
-    method : {"trajectory", "trajectory_nuts"}
-    attrs : mapping
-    groups : mapping of str to Dataset, optional
-        Further groups such as ``sample_stats``.
-    """
-    problem = mode.choice.fit.problem
+    """DataTree as of :func:`trajectory_posterior`, of draws (chain, draw, ...) by a method of ``CITATIONS``."""
     sample = ("chain", "draw")
     coords = {"chain": np.arange(unknowns.shape[0]), "draw": np.arange(unknowns.shape[1])}
     constant, observed = _records(mode.choice.fit)
     row = {"row": constant["row"]}
     tree = {
-        "posterior": _posterior_group(problem, unknowns, coords),
+        "posterior": _posterior_group(mode.choice.fit.problem, unknowns, coords),
         "log_likelihood": xr.Dataset({"response": ((*sample, "row"), log_likelihood)}, coords | row),
         "log_prior": xr.Dataset({"coefficients": (sample, log_prior)}, coords),
         "observed_data": observed,
@@ -214,10 +188,8 @@ def trajectory_tree(
 
 
 def _posterior_group(problem: Problem, unknowns: np.ndarray, coords: Mapping) -> xr.Dataset:
-    sample, n = ("chain", "draw"), problem.n_coefficients
-    most = max(run.n_states for run in problem.runs)
-    channels = list(dict.fromkeys(name for run in problem.runs for name in run.channels))
-    initial = np.full((*unknowns.shape[:2], len(problem.runs), most), np.nan)
+    sample, labels, channels = ("chain", "draw"), problem.labels, problem.channels
+    initial = np.full((*unknowns.shape[:2], len(problem.runs), len(labels["state"])), np.nan)
     offset = np.full((*unknowns.shape[:2], len(problem.runs), len(channels)), np.nan)
     for k, (run, noise, nuisance_slice) in enumerate(zip(problem.runs, problem.noise, problem.nuisances, strict=True)):
         nuisances = unknowns[..., nuisance_slice]
@@ -225,60 +197,43 @@ def _posterior_group(problem: Problem, unknowns: np.ndarray, coords: Mapping) ->
         if noise.offsets:
             offset[..., k, [channels.index(name) for name in run.channels]] = nuisances[..., run.n_states :]
     variables = {
-        "coefficients": ((*sample, "coefficient"), unknowns[..., :n]),
+        "coefficients": ((*sample, "coefficient"), unknowns[..., : problem.n_coefficients]),
         "initial_state": ((*sample, "run", "state"), initial),
     }
-    labels = {
-        "coefficient": coefficient_names(problem.vessel),
-        "run": np.arange(len(problem.runs)),
-        "state": list(STATE[:most]),
-    }
-    if any(noise.offsets for noise in problem.noise):
+    if "channel" in labels:
         variables["sensor_offset"] = ((*sample, "run", "channel"), offset)
-        labels["channel"] = channels
     return xr.Dataset(variables, dict(coords) | labels)
 
 
 def _records(fit: TrajectoryFit) -> tuple[xr.Dataset, xr.Dataset]:
     """Groups constant_data and observed_data, block by block."""
-    problem = fit.problem
-    channels = list(dict.fromkeys(name for run in problem.runs for name in run.channels))
-    parts, noise = [], np.full((3, len(problem.runs), len(channels)), np.nan)
-    residuals = sample_residuals(fit)
-    for k, (run, noise_model, nuisance_slice) in enumerate(
-        zip(problem.runs, problem.noise, problem.nuisances, strict=True)
-    ):
-        parts.append(_record(fit, run, nuisance_slice, channels, k))
-        columns = [channels.index(name) for name in run.channels]
-        noise[:, k, columns] = np.sqrt(np.mean(residuals[k] ** 2, axis=1)), noise_model.sd, noise_model.correlation
+    problem, parts, noise_dims = fit.problem, [], ("run_index", "channel")
+    noise_sd, block_sd, correlation = np.full((3, len(problem.runs), len(problem.channels)), np.nan)
+    for k, residuals in enumerate(sample_residuals(problem, fit.unknowns)):
+        parts.append(_record(fit, k))
+        columns = [problem.channels.index(name) for name in problem.runs[k].channels]
+        noise_sd[k, columns] = np.sqrt(np.mean(residuals**2, axis=1))
+        block_sd[k, columns], correlation[k, columns] = problem.noise[k].sd, problem.noise[k].correlation
     whole = xr.concat(parts, "row").assign_coords(row=np.arange(sum(run.n_blocks for run in problem.runs)))
     constant = whole[["time", "run", "motion", "fitted"]]
-    constant["prior_sd"] = _prior_sd(problem)
-    constant["noise_sd"] = ("channel", np.sqrt(np.nanmean(noise[0] ** 2, axis=0)))
-    constant["block_sd"], constant["correlation"] = (
-        (("run_index", "channel"), noise[1]),
-        (("run_index", "channel"), noise[2]),
-    )
+    with np.errstate(divide="ignore"):  # infinite under a flat prior
+        prior_sd = (problem.unit / np.sqrt(problem.precision))[: problem.n_coefficients]
+    names = {"coefficient": coefficient_names(problem.vessel)}
+    constant["prior_sd"] = xr.DataArray(prior_sd, names, ("coefficient",))
+    constant["noise_sd"] = ("channel", np.sqrt(np.nanmean(noise_sd**2, axis=0)))
+    constant["block_sd"], constant["correlation"] = (noise_dims, block_sd), (noise_dims, correlation)
     return constant, whole[["response"]]
 
 
-def _prior_sd(problem: Problem) -> xr.DataArray:
-    """Prior sd of every coefficient with factors tau; infinite where flat."""
-    n = problem.n_coefficients
-    with np.errstate(divide="ignore"):
-        sd = problem.unit[:n] / np.sqrt(problem.precision[:n])
-    return xr.DataArray(sd, {"coefficient": coefficient_names(problem.vessel)}, ("coefficient",))
-
-
-def _record(fit: TrajectoryFit, run: Run, nuisance_slice: slice, channels: list[str], index: int) -> xr.Dataset:
-    problem = fit.problem
-    start = fit.unknowns[nuisance_slice][: run.n_states]
+def _record(fit: TrajectoryFit, index: int) -> xr.Dataset:
+    """Block means of a run with the motion and channels that are fitted to them."""
+    problem, run = fit.problem, fit.problem.runs[index]
+    start = fit.unknowns[problem.nuisances[index]][: run.n_states]
     motion = replay(problem.vessel, run.inputs, start, fit.coefficients, block=run.block, **run.integration)[:, 0]
-    prime, _, _ = prime_record(
-        problem.vessel, dict(zip(STATE[:5], motion, strict=False)) | {"delta": run.block_means(run.inputs[0])}
-    )
-    response, fitted = np.full((2, run.n_blocks, len(channels)), np.nan)
-    columns = [channels.index(name) for name in run.channels]
+    record = dict(zip(STATE[:5], motion, strict=False)) | {"delta": run.block_means(run.inputs[0])}
+    prime, _, _ = prime_record(problem.vessel, record)
+    response, fitted = np.full((2, run.n_blocks, len(problem.channels)), np.nan)
+    columns = [problem.channels.index(name) for name in run.channels]
     response[:, columns], fitted[:, columns] = run.means.T, motion[list(run.rows)].T
     return xr.Dataset(
         {
@@ -288,7 +243,7 @@ def _record(fit: TrajectoryFit, run: Run, nuisance_slice: slice, channels: list[
             "fitted": (("row", "channel"), fitted),
             "response": (("row", "channel"), response),
         },
-        {"symbol": list(SYMBOLS), "channel": channels},
+        {"symbol": list(SYMBOLS), "channel": problem.channels},
     )
 
 

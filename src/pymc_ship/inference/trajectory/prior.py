@@ -1,7 +1,4 @@
-"""Priors of all coefficients: theta_j ~ N(mean_j, (tau_g scale_j)^2), tau of each DOF g by evidence or 1.
-
-Fits to windows use Student's t with the same mean and scale.
-"""
+"""Priors of all coefficients: theta_j ~ N(mean_j, (tau_g scale_j)^2), tau of each DOF g by evidence or 1."""
 
 from __future__ import annotations
 
@@ -43,10 +40,9 @@ class CoefficientPrior:
 
     Attributes
     ----------
-    mean : ndarray, shape (n_coefficients,)
-    scale : ndarray, shape (n_coefficients,); sd before the factor tau, infinite for a flat prior
+    mean, scale : ndarray, shape (n_coefficients,); the sd is tau times the scale, infinite for a flat prior
     unit : ndarray, shape (n_coefficients,); typical size of a coefficient, the scale where it is finite
-    tuned : ndarray of bool, shape (n_coefficients,); whether the scale is multiplied by the factor tau
+    tuned : ndarray of bool, shape (n_coefficients,); False where tau is 1
     kind : str
     likelihood : GaussianLikelihood or None; likelihood of other data, such as captive tests
     """
@@ -66,10 +62,9 @@ class CoefficientPrior:
         return self.likelihood or GaussianLikelihood(np.empty((0, self.mean.size)), np.empty(0))
 
     def as_normal_at(self, coefficients: np.ndarray, sd: np.ndarray) -> CoefficientPrior:
-        """Normal prior equivalent to the Student-t prior at a posterior mean and sd, each (n_coefficients,).
+        """Normal prior equivalent to Student's t at a posterior mean and sd, each (n_coefficients,).
 
-        Mean precision of the scale mixture, (FREEDOM + 1) / (FREEDOM + E z^2), z = (theta - mean) / scale (Lange,
-        Little & Taylor 1989, doi:10.1080/01621459.1989.10478852). A coefficient without data keeps its scale.
+        Mean precision of the scale mixture (Lange, Little & Taylor 1989, doi:10.1080/01621459.1989.10478852).
         """
         square = ((coefficients - self.mean) ** 2 + sd**2) / self.scale**2
         return replace(self, scale=self.scale * np.sqrt((FREEDOM + square) / (FREEDOM + 1.0)))
@@ -100,7 +95,7 @@ def coefficient_prior(
     damping: float = 0.3,
     relative_sd: float = 0.3,
 ) -> CoefficientPrior:
-    """Prior of all coefficients by kind, with values of a table or the vessel file in its place where there are any.
+    """Prior of all coefficients by kind, overridden by a table or the vessel file.
 
     Parameters
     ----------
@@ -113,10 +108,8 @@ def coefficient_prior(
         value c, scale ``relative_sd`` times hypot(c, typical size / 20); or no prior.
     table : mapping of str to (float, float), optional
         Mean and sd of single coefficients by name, prime values; overrides the vessel file.
-    damping : float, optional
-        Factor of the scale for each order above the first.
-    relative_sd : float, optional
-        Relative standard deviation of a sister ship's coefficients.
+    damping, relative_sd : float, optional
+        Factor of the scale for each order above the first; relative sd of a sister ship's coefficients.
 
     Returns
     -------
@@ -150,27 +143,22 @@ def coefficient_prior(
     typical = np.concatenate([coefficient_scales(trials, vessel) if any(vessel.forces.values()) else [], known])
     mean, names = np.zeros(typical.size), coefficient_names(vessel)
     if kind == "order_damped":
-        terms = [term for dof in vessel.dofs for term in vessel.terms(dof)]
-        scale = 2.0 * typical[: len(terms)] * np.array([damping ** max(order(term) - 1, 0) for term in terms])
-        scale = np.concatenate([scale, known])
+        damping_factors = [damping ** max(order(term) - 1, 0) for dof in vessel.dofs for term in vessel.terms(dof)]
+        scale = np.concatenate([2.0 * typical[: len(damping_factors)] * np.array(damping_factors), known])
     elif kind == "sister_ship":
         mean = reference_coefficients(vessel)
         scale = relative_sd * np.hypot(mean, 0.05 * typical)
     else:
         scale = np.full(typical.size, np.inf)
     tuned = np.isfinite(scale)
-    for name, (center, sd) in (_vessel_file_priors(vessel) | dict(table or {})).items():
+    every = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
+    vessel_file = {c.name: (c.value, c.sd) for c in every if c.sd > 0.0}
+    for name, (center, sd) in (vessel_file | dict(table or {})).items():
         if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
             raise InferenceError(
                 f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "
                 f"{name}: {center}, {sd}; correct it."
             )
-        mean[names.index(name)], scale[names.index(name)], tuned[names.index(name)] = center, sd, False
-    unit = np.where(np.isfinite(scale), scale, typical)
-    return CoefficientPrior(mean, scale, unit, tuned, kind)
-
-
-def _vessel_file_priors(vessel: Vessel) -> dict[str, tuple[float, float]]:
-    """Mean and sd of the coefficients that have an ``sd`` in the vessel file."""
-    every = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
-    return {c.name: (c.value, c.sd) for c in every if c.sd > 0.0}
+        k = names.index(name)
+        mean[k], scale[k], tuned[k] = center, sd, False
+    return CoefficientPrior(mean, scale, np.where(np.isfinite(scale), scale, typical), tuned, kind)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
-from pymc_ship.inference.trajectory.fit import TrajectoryFit, run_rows
+from pymc_ship.inference.trajectory.fit import TrajectoryFit, linearised_runs
 from pymc_ship.inference.trajectory.noise import white_misfits
 from pymc_ship.inference.trajectory.windows import WindowFit, normal_draws
 
@@ -15,28 +14,10 @@ _TOLERANCE = 0.5  # convergence, in sd of the unknowns
 _MAX_STEPS = 8
 
 
-class _LinearisedWindow(NamedTuple):
-    """Indices of the unknowns of a window, its whitened misfit (n_channels, n_blocks) and design at the mode."""
-
-    indices: np.ndarray
-    misfit: np.ndarray
-    design: np.ndarray
-
-
 def randomize_then_optimize(fit: WindowFit, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Randomize-then-optimize draws of the coefficients of a fit.
+    """Draws of the coefficients (count, n_coefficients) of a fit; normal draws for a fit without windows.
 
-    Parameters
-    ----------
-    fit : WindowFit
-        Without windows the draws are normal.
-    count : int
-    rng : Generator
-
-    Returns
-    -------
-    ndarray, shape (count, n_coefficients)
-        A draw that does not converge is the closest iterate, at worst the estimate.
+    A draw that does not converge is the closest iterate, at worst the estimate.
     """
     normal = normal_draws(fit, count, rng)
     return normal if fit.mode is None else fit.coefficients + _optimized_changes(fit.mode, normal - fit.coefficients)
@@ -49,7 +30,9 @@ def _optimized_changes(mode: TrajectoryFit, normal: np.ndarray) -> np.ndarray:
     """
     n, root = mode.problem.n_coefficients, mode.square_root
     target = np.linalg.lstsq(root[:n], normal.T, rcond=None)[0].T
-    windows = list(_linearised_windows(mode))
+    windows = []  # indices of the unknowns, whitened misfit (n_channels, n_blocks) and design at the mode
+    for indices, rows in linearised_runs(mode.problem, mode.unknowns):
+        windows.append((indices, *(np.array(values) for values in zip(*rows, strict=True))))
     changes, remaining = np.zeros_like(target), target.copy()
     distance, step_fraction = np.full(len(target), np.inf), np.ones(len(target))
     for _ in range(_MAX_STEPS):
@@ -66,23 +49,11 @@ def _optimized_changes(mode: TrajectoryFit, normal: np.ndarray) -> np.ndarray:
     return changes @ root[:n].T
 
 
-def _linearised_windows(mode: TrajectoryFit) -> Iterator[_LinearisedWindow]:
-    """Linearisation of each window at the mode."""
-    problem = mode.problem
-    for run, noise, columns, nuisance_slice in zip(
-        problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True
-    ):
-        rows = run_rows(problem.vessel, run, noise, mode.unknowns[columns], mode.unknowns[nuisance_slice])
-        misfit, design = (np.array(values) for values in zip(*rows, strict=True))
-        yield _LinearisedWindow(np.r_[columns, nuisance_slice], misfit, design)
-
-
-def _nonlinear_change(mode: TrajectoryFit, windows: Sequence[_LinearisedWindow], changes: np.ndarray) -> np.ndarray:
+def _nonlinear_change(mode: TrajectoryFit, windows: Sequence[tuple], changes: np.ndarray) -> np.ndarray:
     """Nonlinear part of the change of the motion, projected on the estimate, (n_draws, n_unknowns); NaN if diverged."""
     change, projection = changes @ mode.square_root.T, np.zeros_like(changes)
     misfits = white_misfits(mode.problem, mode.unknowns + change)
-    for window, misfit in zip(windows, misfits, strict=True):
-        linear = change[:, window.indices] @ window.design.transpose(0, 2, 1)
-        nonlinear = window.misfit[:, None] - misfit - linear
-        projection[:, window.indices] += np.sum(nonlinear @ window.design, axis=0)
+    for (indices, misfit_at_mode, design), misfit in zip(windows, misfits, strict=True):
+        nonlinear = misfit_at_mode[:, None] - misfit - change[:, indices] @ design.transpose(0, 2, 1)
+        projection[:, indices] += np.sum(nonlinear @ design, axis=0)
     return projection @ mode.square_root

@@ -38,13 +38,10 @@ class Run:
     samples : ndarray, shape (n_channels, n_time); raw values, SI units and rad
     inputs : ndarray, shape (4, n_time); rudder, revolutions and wind of the equations of motion, without error
     start, interval : float; time of the first sample and sampling interval [s]
-    block : int; samples in a block
-    method : {"euler", "rk4"}
-    substeps : int; integration steps in a sampling interval
+    block, substeps : int; samples in a block, and integration steps in a sampling interval
     sample_sd : ndarray, shape (n_channels,); noise sd of one sample
     nominal_speed : float; first guess of u where it is not measured [m/s]
-    rolls : bool; whether the vessel rolls, otherwise p = phi = 0
-    heads : bool; whether forces depend on the heading, which is then a state
+    rolls, heads : bool; whether the vessel rolls, and whether forces depend on the heading, which is then a state
     restart : tuple of two ndarray of shape (n_states,), optional; mean and sd of the prior of the initial state
     """
 
@@ -100,11 +97,7 @@ class Run:
 
     @cached_property
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and sd of the weak prior of the initial state, each (n_states,).
-
-        Measured: a line through the first two seconds, sd the range of the channel. Unmeasured: 0 (u: nominal speed),
-        sd its size in hard manoeuvring.
-        """
+        """Mean and sd of the weak prior of the initial state: a line through two seconds, or 0 where not measured."""
         if self.restart is not None:
             return self.restart
         guess, sd = np.zeros(self.n_states), np.array([CHANNELS[name].size for name in STATE[: self.n_states]])
@@ -126,24 +119,7 @@ def trajectory_run(
     noise_sd: Mapping[str, float] | None = None,
     method: str = "rk4",
 ) -> Run:
-    """Run of a trial, for the trajectory likelihood.
-
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        Raw record with ``delta`` [rad] and any of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m]; uniform sampling.
-        A heading that jumps by a full circle is made continuous.
-    vessel : Vessel
-    channels : sequence of str, optional
-        Channels to fit; by default those of u, v, r, p, phi that the trial has.
-    noise_sd : mapping of str to float, optional
-        Standard deviation of the noise of single samples by channel; estimated from second differences where missing.
-    method : {"euler", "rk4"}, optional
-        Integrator, at steps of the sampling interval or at most 0.1 s.
-
-    Returns
-    -------
-    Run
+    """Run of a raw record with uniform sampling; ``noise_sd`` of single samples, by default from second differences.
 
     Raises
     ------
@@ -203,8 +179,7 @@ def whiten(values: np.ndarray, sd: float, correlation: float) -> np.ndarray:
     """Values divided by their sd, without first-order autocorrelation along the first axis."""
     if correlation == 0.0:
         return values / sd
-    innovation = np.sqrt(1.0 - correlation**2)
     white = values.copy()
     white[1:] -= correlation * values[:-1]
-    white[1:] /= innovation
+    white[1:] /= np.sqrt(1.0 - correlation**2)
     return white / sd

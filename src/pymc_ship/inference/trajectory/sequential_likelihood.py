@@ -19,14 +19,9 @@ _RELATIVE_RANK = 1e-9  # eigenvalues below this fraction of the largest count as
 
 @dataclass(frozen=True)
 class EarlierLikelihood:
-    """Likelihood of earlier runs for one term set.
+    """Likelihood of the coefficients ``names`` by earlier runs, with the prior of its fit.
 
-    Attributes
-    ----------
-    names : tuple of str; coefficients
-    gaussian : GaussianLikelihood
-    log_density : ndarray, shape (n_runs,); log predictive density of each run, held out
-    prior_mean, prior_scale : ndarray, shape (n_coefficients,); prior of the fit
+    ``log_density``: log predictive density of each run, held out.
     """
 
     names: tuple[str, ...]
@@ -48,10 +43,8 @@ class EarlierLikelihood:
                 f"The likelihood of earlier runs needs every coefficient of their vessel, found none of "
                 f"{', '.join(lacking)} in {vessel.name!r}; give the vessel file of the earlier runs."
             )
-        reordered = np.zeros((len(design), len(names)))
-        for k, name in enumerate(self.names):
-            if name in names:
-                reordered[:, names.index(name)] = design[:, k]
+        reordered, common = np.zeros((len(design), len(names))), [name for name in self.names if name in names]
+        reordered[:, list(map(names.index, common))] = design[:, list(map(self.names.index, common))]
         return GaussianLikelihood(reordered, self.gaussian.response)
 
     def at_draught(self, names: Sequence[str], prior: CoefficientPrior) -> EarlierLikelihood:
@@ -67,16 +60,7 @@ class EarlierLikelihood:
 
 
 def window_likelihood(fit: WindowFit, prior: CoefficientPrior, inflation: float = 1.0) -> GaussianLikelihood:
-    """Gaussian likelihood of the coefficients by the windows of a fit, without the constants of runs.
-
-    Parameters
-    ----------
-    fit : WindowFit
-    prior : CoefficientPrior
-        Prior of the fit, with a finite scale of every coefficient.
-    inflation : float, optional
-        Factor on the standard deviations, 1 or more.
-    """
+    """Gaussian likelihood by the windows of a fit without the constants of runs; ``inflation`` multiplies its sd."""
     scale, other = prior.scale, prior.likelihood_or_flat
     prior_information = np.diag(scale**-2.0) + other.design.T @ other.design
     gradient = (fit.coefficients - prior.mean) / scale**2 - other.design.T @ other.residuals(fit.coefficients)
@@ -107,11 +91,10 @@ def commensurate_likelihood(
     covariance: np.ndarray,
     own: Sequence[int] = (),
 ) -> tuple[GaussianLikelihood, tuple[float, ...]]:
-    """Likelihood by other data whose coefficients differ from those of the present data.
+    """Likelihood by other data under a commensurate prior (Hobbs et al. 2011, doi:10.1111/j.1541-0420.2011.01564.x).
 
-    The difference of each coefficient is normal about 0, its standard deviation the discrepancy scale times that of the
-    prior: a commensurate prior (Hobbs et al. 2011, doi:10.1111/j.1541-0420.2011.01564.x). The scale is the one of
-    largest marginal likelihood on a grid from 0 to 1 (empirical Bayes).
+    Each coefficient differs from that of the present data by N(0, (discrepancy scale times prior sd)^2), the scale of
+    largest marginal likelihood on a grid from 0 to 1.
 
     Parameters
     ----------
@@ -120,13 +103,7 @@ def commensurate_likelihood(
     coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
         Posterior mean and covariance by the present data and the prior alone.
     own : sequence of int, optional
-        Indices of coefficients with a discrepancy scale of their own.
-
-    Returns
-    -------
-    GaussianLikelihood
-    tuple of float
-        Discrepancy scale, and that of ``own`` where there are any.
+        Coefficients with a discrepancy scale of their own, which is returned after the other.
     """
     design, residuals = likelihood.design, likelihood.residuals(coefficients)
     scaled, identity = design * prior.scale, np.eye(len(design))

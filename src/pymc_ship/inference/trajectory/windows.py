@@ -1,7 +1,7 @@
 """Fit of a model to short windows of several runs, each simulated from its own initial state.
 
-Residuals of a window are serially correlated model error: the likelihood of the windows is divided by a design effect
-(Ribatet, Cooley & Davison 2012, doi:10.5705/ss.2009.248). The prior is Student's t, the covariance a sandwich.
+Residuals are serially correlated: the log likelihood is divided by a design effect (Ribatet, Cooley & Davison 2012,
+doi:10.5705/ss.2009.248). The prior is Student's t, the covariance a sandwich.
 """
 
 from __future__ import annotations
@@ -13,7 +13,14 @@ import numpy as np
 import xarray as xr
 from scipy.signal import savgol_filter
 
-from pymc_ship.inference.trajectory.fit import Noise, Problem, TrajectoryFit, fit_trajectory, initial_problem, run_rows
+from pymc_ship.inference.trajectory.fit import (
+    Noise,
+    Problem,
+    TrajectoryFit,
+    fit_trajectory,
+    initial_problem,
+    linearised_runs,
+)
 from pymc_ship.inference.trajectory.mode import TrajectoryMode
 from pymc_ship.inference.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
@@ -61,21 +68,15 @@ class Window:
 
 @dataclass(frozen=True)
 class WindowFit:
-    """Coefficients fitted to windows of several runs.
+    """Coefficients (n_coefficients,) fitted to windows of several runs.
 
     Attributes
     ----------
-    vessel : Vessel
-    coefficients : ndarray, shape (n_coefficients,)
-    from_windows, from_prior : ndarray, shape (n_coefficients, n_coefficients)
-        Parts of the covariance: scatter of the gradients of the windows, and uncertainty of the prior.
-    information : ndarray, shape (n_coefficients, n_coefficients)
-        Curvature of the negative log posterior with initial states profiled out.
+    from_windows, from_prior : ndarray; parts of the covariance, by scatter of the windows' gradients and by the prior
+    information : ndarray; curvature of the negative log posterior with initial states profiled out
     channel_sd : dict of str to float; root mean square residual of each channel, SI
     design_effect : float; variance of the gradients of windows over that of independent residuals
-    n_windows : int
-    mode : TrajectoryFit or None
-        The fit with the normal priors equivalent to Student's t; None for a normal law without windows.
+    mode : TrajectoryFit or None; fit with normal priors equivalent to Student's t; None for a law without windows
     """
 
     vessel: Vessel
@@ -182,30 +183,17 @@ def fit_windows(
     start: np.ndarray,
     sd: dict[str, float] | None = None,
 ) -> WindowFit:
-    """Fit coefficients to windows; the sd of each channel is that of the residuals times the root of the design effect.
+    """Fit coefficients to windows of one or many trials; FitError when the start diverges or no minimum is reached.
 
-    Parameters
-    ----------
-    windows : sequence of Window
-        From :func:`prepared_windows`, of one or many trials; all have the same channels.
-    vessel : Vessel
-    prior : CoefficientPrior
-        Scales of Student's t; they are not tuned.
-    start : ndarray, shape (n_coefficients,)
-    sd : dict of str to float, optional
-        First guess of the likelihood sd by channel, SI; default: root mean square residual at the start.
-
-    Returns
-    -------
-    WindowFit
-
-    Raises
-    ------
-    FitError
-        When the start diverges or no minimum is reached.
+    ``sd``: first guess of the likelihood sd by channel, SI; default: root mean square residual at the start.
     """
     fit, noise_sd, design_effect = _iterated_fit(windows, vessel, prior, start, sd)
-    from_windows, from_prior = _sandwich(fit)
+    covariance, n, own = _shared_covariance(fit), fit.problem.n_coefficients, fit.problem.per_run
+    # sandwich covariance C (G + P) C (White 1982, doi:10.2307/1912526); windows are clusters
+    middles = (_squared_gradients(fit), _prior_precision(fit))
+    parts = ((covariance @ middle @ covariance)[:n, :n] for middle in middles)
+    from_windows, from_prior = (0.5 * (part + part.T) for part in parts)
+    from_prior[own], from_prior[:, own] = 0.0, 0.0
     return WindowFit(
         vessel=vessel,
         coefficients=fit.coefficients,
@@ -222,10 +210,7 @@ def fit_windows(
 def window_mode(
     windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, start: np.ndarray
 ) -> TrajectoryMode:
-    """Mode of the likelihood of windows with its design effect and the prior, for Laplace and NUTS draws.
-
-    Parameters and errors as :func:`fit_windows`; without the sandwich covariance.
-    """
+    """Mode of :func:`fit_windows` without the sandwich covariance, for Laplace and NUTS draws."""
     fit, _, design_effect = _iterated_fit(windows, vessel, prior, start)
     sentence = (
         f"Noise sd: root mean square residual of each channel times the root of the design effect {design_effect:.3g}."
@@ -289,16 +274,6 @@ def _shared_covariance(fit: TrajectoryFit) -> np.ndarray:
     return root @ root.T
 
 
-def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
-    """Parts C G C and C P C of the sandwich covariance (White 1982, doi:10.2307/1912526); windows are clusters."""
-    C, n = _shared_covariance(fit), fit.problem.n_coefficients
-    parts = ((C @ middle @ C)[:n, :n] for middle in (_squared_gradients(fit), _prior_precision(fit)))
-    from_windows, from_prior = (0.5 * (part + part.T) for part in parts)
-    own = fit.problem.per_run
-    from_prior[own], from_prior[:, own] = 0.0, 0.0
-    return from_windows, from_prior
-
-
 def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
     """Precision of the shared unknowns by the prior and the likelihood of other data, (n_shared, n_shared)."""
     n = fit.problem.n_shared
@@ -308,31 +283,18 @@ def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
 
 def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
     """Sum over windows of g g' times n / (n - 1), g the gradient of a window's log likelihood."""
-    problem: Problem = fit.problem
-    n, gradients = problem.n_coefficients, []
-    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
-    for run, noise, columns, nuisance_slice in pieces:
-        rows = run_rows(problem.vessel, run, noise, fit.unknowns[columns], fit.unknowns[nuisance_slice])
-        gradient = np.zeros(problem.n_shared)
-        gradient[columns] = sum(design[:, :n].T @ misfit for misfit, design in rows)
-        gradients.append(gradient)
+    n, gradients = fit.problem.n_coefficients, []
+    for indices, rows in linearised_runs(fit.problem, fit.unknowns):
+        gradients.append(np.zeros(fit.problem.n_shared))
+        gradients[-1][indices[:n]] = sum(design[:, :n].T @ misfit for misfit, design in rows)
     g, count = np.array(gradients), len(gradients)
     return g.T @ g * (count / max(count - 1, 1))
 
 
 def with_constants(windows: Sequence[Window], fit: WindowFit) -> np.ndarray:
-    """Coefficients of a fit, with the constants of one trial (such as its current) fitted to its windows.
+    """Coefficients of a fit with the constants of one trial, such as its current, fitted to the windows of that trial.
 
-    Parameters
-    ----------
-    windows : sequence of Window
-        Of one trial.
-    fit : WindowFit
-
-    Returns
-    -------
-    ndarray, shape (n_coefficients,)
-        Those of the fit where the vessel has no such constants, or their fit fails.
+    Those of the fit where the vessel has no such constants, or their fit fails.
     """
     own = per_run_indices(fit.vessel)
     if not own:
