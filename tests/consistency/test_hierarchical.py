@@ -24,8 +24,7 @@ def calibration(spread=SPREAD):
         reduced = reduced_groups(data, PRIOR, columns()[1])
         if compiled is None:
             compiled = nutpie.compile_pymc_model(marginal_model(reduced, PRIOR, spread))
-        given = {"projection": np.array([one.projection for one in reduced])}
-        given["residual_square"] = np.array([one.residual_square for one in reduced])
+        given = {"projection": reduced.projections, "residual_square": reduced.residual_squares}
         settings = {"draws": 5 * KEPT, "tune": 300, "chains": 1, "target_accept": 0.9, "seed": k}
         drawn = nutpie.sample(compiled.with_data(**given), **settings, progress_bar=False)["posterior"]
         of_tau, of_variance = (

@@ -24,12 +24,8 @@ def drawn(size=1.0):
 
 
 def rows_of(data):
-    """What is given of the rows of all groups, in the order of the inputs."""
-    reduced = reduced_groups(data, PRIOR, columns()[1])
-    found = [
-        np.array([getattr(one, name) for one in reduced]) for name in ("triangle", "projection", "residual_square")
-    ]
-    return [*found, np.array([one.n_rows - P for one in reduced], dtype=float), 1.0 / PRIOR.kappas(P)]
+    """Inputs of the density besides tau and sigma2."""
+    return [*reduced_groups(data, PRIOR, columns()[1]), 1.0 / PRIOR.kappas(P)]
 
 
 def evaluated(data, tau, variance):

@@ -81,15 +81,10 @@ def _whiten_student_t(residual: np.ndarray, noise_variance: float) -> Whitening:
     return lambda rows: (rows.T * weight).T
 
 
-def plug_in_autocorrelation(residual: np.ndarray) -> float:
-    """Lag-one autocorrelation of residuals (n_rows,), clipped to +-0.995."""
-    square = residual @ residual
-    return float(np.clip(residual[1:] @ residual[:-1] / square if square > 0.0 else 0.0, -0.995, 0.995))
-
-
 def _whiten_ar1(residual: np.ndarray, _: float) -> Whitening:
-    """Prais-Winsten transformation at the autocorrelation of the residuals."""
-    rho = plug_in_autocorrelation(residual)
+    """Prais-Winsten transformation at the lag-one autocorrelation of the residuals, clipped to +-0.995."""
+    square = residual @ residual
+    rho = float(np.clip(residual[1:] @ residual[:-1] / square if square > 0.0 else 0.0, -0.995, 0.995))
     root = math.sqrt(1.0 - rho**2)
     return lambda rows: np.concatenate([rows[:1], (rows[1:] - rho * rows[:-1]) / root])
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,9 +17,7 @@ from pymc_ship.machine.seeds import Seed, random_generator
 if TYPE_CHECKING:
     import pymc as pm
 
-OWN = "own"
-"""Family of a prior that the package does not know."""
-
+OWN = "own"  # family of a prior that the package does not know
 _SAMPLE = ("chain", "draw")
 _BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
 _COPIED_GROUPS = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
@@ -132,12 +128,17 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
         )
     draws = xr.DataTree.from_dict({"posterior": groups["posterior"]})
     fast_compile = {"compile_kwargs": {"mode": "FAST_COMPILE"}}  # compiling takes a minute and saves seconds
-    options = fast_compile | {"progressbar": False}
-    with model, _quiet():
-        likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **options)
-        prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **options)
-        predictive = pm.sample_posterior_predictive(draws, var_names=observed, random_seed=seed, **options)
-        from_prior = pm.sample_prior_predictive(PREDICTIVE_DRAWS, random_seed=seed + 1, **fast_compile)
+    options, log = fast_compile | {"progressbar": False}, logging.getLogger("pymc")
+    level = log.level
+    log.setLevel(logging.WARNING)  # without the messages of sampling
+    try:
+        with model:
+            likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **options)
+            prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **options)
+            predictive = pm.sample_posterior_predictive(draws, var_names=observed, random_seed=seed, **options)
+            from_prior = pm.sample_prior_predictive(PREDICTIVE_DRAWS, random_seed=seed + 1, **fast_compile)
+    finally:
+        log.setLevel(level)
     return {
         "log_likelihood": likelihood,
         "log_prior": prior,
@@ -145,18 +146,6 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
         "prior": from_prior["prior"].to_dataset(),
         "prior_predictive": from_prior["prior_predictive"].to_dataset(),
     }
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Suppress PyMC's log messages of sampling."""
-    log = logging.getLogger("pymc")
-    level = log.level
-    log.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
 
 
 def _named_rows(group: xr.Dataset, name: str, data: RegressionData) -> xr.Dataset:

@@ -127,9 +127,8 @@ def gibbs_posterior(
     --------
     >>> import numpy as np
     >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> trial = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, "kvlcc2", "yaw", interval=2.0)
     >>> tree = ps.gibbs_posterior(data, ps.SemiConjugatePrior(), draws=200, tune=100, rng=np.random.default_rng(1))
     >>> dict(tree["posterior"]["coefficients"].sizes)
     {'chain': 4, 'draw': 200, 'coefficient': 12}

@@ -1,4 +1,4 @@
-"""Coefficients partially pooled over groups of runs, such as ships or facilities; pymc is imported when called.
+"""Coefficients partially pooled over groups of runs, such as ships or facilities.
 
 m_j ~ N(mean_j, kappa_j), tau_j ~ HalfNormal(spread), scaled coefficients b_gj ~ N(m_j, tau_j^2) of group g,
 sigma2_g ~ IG(shape, scale), y ~ N(X b_g, sigma2_g). NUTS draws tau and sigma2 from their marginal posterior (Lindley &
@@ -8,30 +8,26 @@ Smith 1972, doi:10.1111/j.2517-6161.1972.tb00885.x); m and b are exact draws.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pymc as pm
+import pytensor.tensor as pt
 import xarray as xr
 
 from pymc_ship.inference.regression.priors import check_prior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
+from pymc_ship.inference.sampling.operations import PooledDensity
 from pymc_ship.inference.sampling.regression_model import check_settings, sample_model
 from pymc_ship.machine.arguments import finite_number
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
-if TYPE_CHECKING:
-    import pymc as pm
-
 
 def hierarchical_model(
-    data: RegressionData,
-    prior: SemiConjugatePrior,
-    groups: Mapping[str, str] | None = None,
-    *,
-    spread: float = 1.0,
+    data: RegressionData, prior: SemiConjugatePrior, groups: Mapping[str, str] | None = None, *, spread: float = 1.0
 ) -> pm.Model:
     """PyMC model of coefficients that are partially pooled over groups of runs.
 
@@ -64,9 +60,6 @@ def hierarchical_model(
     Gelman & Hill (2007), Data Analysis Using Regression and Multilevel/Hierarchical Models, ch. 12-13;
     Papaspiliopoulos, Roberts & Skoeld (2007), doi:10.1214/088342307000000014.
     """
-    import pymc as pm
-    import pytensor.tensor as pt
-
     check_prior(prior)
     if prior.noise_power != 0:
         raise InferenceError(
@@ -155,14 +148,25 @@ def hierarchical_posterior(
     reduced, seed = reduced_groups(data, prior, group), int(rng.integers(2**31))
     sampled = sample_model(marginal_model(reduced, prior, float(spread)), settings, seed, progress)
     rng = np.random.default_rng([seed, 1])
-    names = ("scaled_group_sd", "scaled_group_noise_variance")
+    names, p, sample = ("scaled_group_sd", "scaled_group_noise_variance"), data.n_terms, ("chain", "draw")
     tau, variance = (sampled["posterior"][name].to_numpy() for name in names)
-    flat = standardised_draws(reduced, prior, tau.reshape(-1, data.n_terms), variance.reshape(-1, len(reduced)), rng)
-    groups_sampled = {
-        "posterior": _posterior(data, prior, labels, (tau, variance, flat)),
-        "sample_stats": sampled["sample_stats"].to_dataset(),
+    flat = standardised_draws(reduced, prior, tau.reshape(-1, p), variance.reshape(-1, len(labels)), rng)
+    standard = flat.reshape(*tau.shape[:2], *flat.shape[1:])
+    means = prior.means(p) + np.sqrt(prior.kappas(p)) * standard[:, :, 0]
+    scaled = means[:, :, None] + tau[:, :, None] * standard[:, :, 1:]
+    values = {
+        "standardised": ((*sample, "level", "coefficient"), standard),
+        "scaled_group_sd": ((*sample, "coefficient"), tau),
+        "scaled_group_noise_variance": ((*sample, "group"), variance),
+        "coefficients": ((*sample, "coefficient"), data.to_original(means)),
+        "group_coefficients": ((*sample, "group", "coefficient"), data.to_original(scaled)),
+        "group_sd": ((*sample, "coefficient"), np.sqrt(tau**2 @ (data.transformation[1] ** 2).T)),
+        "group_noise_variance": ((*sample, "group"), data.response_scale**2 * variance),
     }
-    return posterior_tree(xr.DataTree.from_dict(groups_sampled), data, model, rng=rng)
+    coords = {"chain": np.arange(tau.shape[0]), "draw": np.arange(tau.shape[1]), "group": labels}
+    coords |= {"level": ["mean", *labels], "coefficient": list(data.coefficients)}
+    drawn = {"posterior": xr.Dataset(values, coords), "sample_stats": sampled["sample_stats"].to_dataset()}
+    return posterior_tree(xr.DataTree.from_dict(drawn), data, model, rng=rng)
 
 
 def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tuple[list[str], np.ndarray]:
@@ -181,69 +185,64 @@ def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tup
     return labels, np.array([labels.index(str(groups[run])) for run in data.run])
 
 
-class _Group(NamedTuple):
-    """QR reduction of the rows of a group about the prior mean, with their number."""
+class ReducedGroups(NamedTuple):
+    """QR reduction of the rows of all groups about the prior mean, as the inputs of PooledDensity."""
 
-    triangle: np.ndarray
-    projection: np.ndarray
-    residual_square: float
-    n_rows: int
+    triangles: np.ndarray
+    projections: np.ndarray
+    residual_squares: np.ndarray
+    spare_rows: np.ndarray
 
 
-def reduced_groups(data: RegressionData, prior: SemiConjugatePrior, group: np.ndarray) -> list[_Group]:
+def reduced_groups(data: RegressionData, prior: SemiConjugatePrior, group: np.ndarray) -> ReducedGroups:
     """QR reduction of the rows of each group, padded to n_terms rows."""
-    X, p = data.scaled_design_matrix, data.n_terms
+    X, p, n_groups = data.scaled_design_matrix, data.n_terms, group.max() + 1
     y = data.scaled_response - X @ prior.means(p)
-    reduced = []
-    for g in range(group.max() + 1):
-        rows, target = X[group == g], y[group == g]
-        left, triangle = np.linalg.qr(rows)
-        projection, lacking = left.T @ target, max(0, p - len(rows))
+    reduced = ReducedGroups(np.zeros((n_groups, p, p)), np.zeros((n_groups, p)), *np.zeros((2, n_groups)))
+    for g in range(n_groups):
+        target = y[group == g]
+        left, triangle = np.linalg.qr(X[group == g])
+        projection = left.T @ target
         residual = target - left @ projection
-        padded = np.pad(triangle, ((0, lacking), (0, 0))), np.pad(projection, (0, lacking))
-        reduced.append(_Group(*padded, float(residual @ residual), len(rows)))
+        reduced.triangles[g, : len(triangle)], reduced.projections[g, : len(triangle)] = triangle, projection
+        reduced.residual_squares[g], reduced.spare_rows[g] = residual @ residual, len(target) - p
     return reduced
 
 
-def marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: float) -> pm.Model:
+def marginal_model(reduced: ReducedGroups, prior: SemiConjugatePrior, spread: float) -> pm.Model:
     """PyMC model of tau and sigma2 with the coefficients integrated out."""
-    import pymc as pm
-
-    from pymc_ship.inference.sampling.operations import PooledDensity
-
-    p = reduced[0].projection.size
+    n_groups, p = reduced.projections.shape
     with pm.Model() as model:
         tau = pm.HalfNormal("scaled_group_sd", spread, shape=p)
-        variance = pm.InverseGamma("scaled_group_noise_variance", prior.shape, prior.scale, shape=len(reduced))
+        variance = pm.InverseGamma("scaled_group_noise_variance", prior.shape, prior.scale, shape=n_groups)
         # as data, so that a compiled model serves other responses of the same rows
-        projections = pm.Data("projection", np.array([one.projection for one in reduced]))
-        residuals = pm.Data("residual_square", np.array([one.residual_square for one in reduced]))
-        spare = np.array([one.n_rows - p for one in reduced], dtype=float)
-        rows = np.array([one.triangle for one in reduced]), projections, residuals, spare
+        projections = pm.Data("projection", reduced.projections)
+        residuals = pm.Data("residual_square", reduced.residual_squares)
+        rows = reduced.triangles, projections, residuals, reduced.spare_rows
         pm.Potential("rows", PooledDensity()(tau, variance, *rows, 1.0 / prior.kappas(p)))
     return model
 
 
 def standardised_draws(
-    reduced: list[_Group], prior: SemiConjugatePrior, tau: np.ndarray, variance: np.ndarray, rng: np.random.Generator
+    reduced: ReducedGroups, prior: SemiConjugatePrior, tau: np.ndarray, variance: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
     """Exact draws of the standardised variables (n_draws, 1 + n_groups, n_terms), given tau and sigma2."""
     n_draws, p = tau.shape
-    eye, root_kappa = np.eye(p), np.sqrt(prior.kappas(p))
+    eye, rows_of_groups = np.eye(p), list(zip(reduced.triangles, reduced.projections, strict=True))
     precision, shift = np.tile(np.diag(1.0 / prior.kappas(p)), (n_draws, 1, 1)), np.zeros((n_draws, p))
-    for g, one in enumerate(reduced):
-        own = one.triangle * tau[:, None, :]
+    for g, (triangle, projection) in enumerate(rows_of_groups):
+        own = triangle * tau[:, None, :]
         root = np.linalg.cholesky(variance[:, g, None, None] * eye + own @ own.transpose(0, 2, 1))
-        whitened = np.linalg.solve(root, np.column_stack([one.triangle, one.projection]))
+        whitened = np.linalg.solve(root, np.column_stack([triangle, projection]))
         rows, target = whitened[..., :-1], whitened[..., -1]
         precision += rows.transpose(0, 2, 1) @ rows
         shift += np.einsum("nij,ni->nj", rows, target)
-    out = np.empty((n_draws, 1 + len(reduced), p))
+    out = np.empty((n_draws, 1 + len(rows_of_groups), p))
     means = _normal(precision, shift, rng)
-    out[:, 0] = means / root_kappa
-    for g, one in enumerate(reduced):
-        own = one.triangle * tau[:, None, :] / np.sqrt(variance[:, g, None, None])
-        error = (one.projection - means @ one.triangle.T) / np.sqrt(variance[:, g, None])
+    out[:, 0] = means / np.sqrt(prior.kappas(p))
+    for g, (triangle, projection) in enumerate(rows_of_groups):
+        own = triangle * tau[:, None, :] / np.sqrt(variance[:, g, None, None])
+        error = (projection - means @ triangle.T) / np.sqrt(variance[:, g, None])
         out[:, 1 + g] = _normal(eye + own.transpose(0, 2, 1) @ own, np.einsum("nij,ni->nj", own, error), rng)
     return out
 
@@ -253,23 +252,3 @@ def _normal(precision: np.ndarray, shift: np.ndarray, rng: np.random.Generator) 
     root = np.linalg.cholesky(precision)
     half = np.linalg.solve(root, shift[..., None]) + rng.standard_normal((*shift.shape, 1))
     return np.linalg.solve(root.transpose(0, 2, 1), half)[..., 0]
-
-
-def _posterior(data: RegressionData, prior: SemiConjugatePrior, labels: list[str], drawn: tuple) -> xr.Dataset:
-    """Variables of :func:`hierarchical_model` from draws of tau, sigma2 and standardised values."""
-    tau, variance, flat = drawn
-    standard = flat.reshape(*tau.shape[:2], *flat.shape[1:])
-    means = prior.means(data.n_terms) + np.sqrt(prior.kappas(data.n_terms)) * standard[:, :, 0]
-    scaled = means[:, :, None] + tau[:, :, None] * standard[:, :, 1:]
-    sample = ("chain", "draw")
-    values = {
-        "standardised": ((*sample, "level", "coefficient"), standard),
-        "scaled_group_sd": ((*sample, "coefficient"), tau),
-        "scaled_group_noise_variance": ((*sample, "group"), variance),
-        "coefficients": ((*sample, "coefficient"), data.to_original(means)),
-        "group_coefficients": ((*sample, "group", "coefficient"), data.to_original(scaled)),
-        "group_sd": ((*sample, "coefficient"), np.sqrt(tau**2 @ (data.transformation[1] ** 2).T)),
-        "group_noise_variance": ((*sample, "group"), data.response_scale**2 * variance),
-    }
-    coords = {"chain": np.arange(tau.shape[0]), "draw": np.arange(tau.shape[1]), "group": labels}
-    return xr.Dataset(values, coords | {"level": ["mean", *labels], "coefficient": list(data.coefficients)})

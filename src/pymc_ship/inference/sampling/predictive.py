@@ -13,8 +13,7 @@ from pymc_ship.inference.rows.frames import new_design
 from pymc_ship.inference.sampling.error_laws import error_law, errors_of
 from pymc_ship.machine.seeds import Seed, random_generator
 
-PREDICTIVE_DRAWS = 500
-"""Default number of prior draws."""
+PREDICTIVE_DRAWS = 500  # default number of prior draws
 
 
 def prior_draws(
@@ -111,12 +110,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
 
 
 def with_predictive(
-    tree: xr.DataTree,
-    data: RegressionData,
-    prior: Prior,
-    *,
-    rng: Seed,
-    draws: int = PREDICTIVE_DRAWS,
+    tree: xr.DataTree, data: RegressionData, prior: Prior, *, rng: Seed, draws: int = PREDICTIVE_DRAWS
 ) -> xr.DataTree:
     """Posterior with the groups of ArviZ's prior and posterior predictive checks.
 

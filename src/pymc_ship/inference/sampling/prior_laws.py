@@ -5,7 +5,8 @@ sigma2 of the scaled response ~ IG(2, 1). ``functools.partial`` sets hyperparame
 
 from __future__ import annotations
 
-from typing import Any
+import numpy as np
+import pymc as pm
 
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.errors import InferenceError
@@ -41,9 +42,7 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     ----------
     Piironen & Vehtari (2017), Electronic Journal of Statistics 11(2):5018, doi:10.1214/17-EJS1337SI, Eq. 2.8, 3.12.
     """
-    import pymc as pm
-
-    sigma2 = _noise_variance()
+    sigma2 = pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)
     expected = 0.5 * data.n_terms if effective is None else effective
     if not 0.0 < expected < data.n_terms:
         raise InferenceError(
@@ -83,17 +82,8 @@ def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: flo
     ----------
     Zhang, Naughton, Bondell & Reich (2022), JASA 117(538):862, doi:10.1080/01621459.2020.1825449.
     """
-    import numpy as np
-    import pymc as pm
-
-    sigma2 = _noise_variance()
+    sigma2 = pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)
     explained = pm.Beta("r2", mean * precision, (1.0 - mean) * precision)
     shares = pm.Dirichlet("share", np.full(data.n_terms, share), dims="coefficient")
     variance = sigma2 * shares * explained / (1.0 - explained)
     return pm.Normal("scaled_coefficients", 0.0, pm.math.sqrt(variance), **given), sigma2
-
-
-def _noise_variance() -> Any:
-    import pymc as pm
-
-    return pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)

@@ -1,4 +1,4 @@
-"""PyMC model of a regression and its sampling by NUTS; pymc is imported when called.
+"""PyMC model of a regression and its sampling by NUTS.
 
 NUTS moves in coordinates in which the posterior is nearly standard normal; the posterior does not depend on them.
 """
@@ -8,9 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.metadata import version
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, TypeIs
+from typing import Any, TypeIs
 
 import numpy as np
+import nutpie
+import pymc as pm
+import pytensor.tensor as pt
 import xarray as xr
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
@@ -20,26 +23,19 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling import whitened_model
 from pymc_ship.inference.sampling.error_laws import ERRORS, NU_RATE, NU_SHAPE, error_law, with_errors
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
+from pymc_ship.inference.sampling.linear_transform import LinearTransform
 from pymc_ship.inference.sampling.predictive import with_predictive
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.seeds import Seed, random_generator
 
-if TYPE_CHECKING:
-    import pymc as pm
-
-    from pymc_ship.inference.sampling.linear_transform import LinearTransform
-
 _PLUG_IN_STEPS = 10
-
 NUTS_SAMPLERS = ("nutpie", "pymc", "numpyro", "blackjax")
-"""Names of NUTS samplers."""
 
+# sample statistics by ArviZ name, with their types
 _SAMPLE_STATS: dict[str, type] = dict.fromkeys(
     ("lp", "energy", "energy_error", "step_size", "step_size_bar", "acceptance_rate"), float
 )
 _SAMPLE_STATS |= {"tree_depth": np.int64, "n_steps": np.int64, "reached_max_treedepth": bool, "diverging": bool}
-"""Sample statistics by ArviZ name, with their types."""
-
 _NUTPIE_NAMES = {"logp": "lp", "depth": "tree_depth", "mean_tree_accept": "acceptance_rate"}
 _NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
 
@@ -80,16 +76,12 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     Examples
     --------
     >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> trial = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, "kvlcc2", "yaw", interval=2.0)
     >>> model = ps.pymc_model(data, ps.SemiConjugatePrior())
     >>> sorted(variable.name for variable in model.free_RVs)
     ['scaled_coefficients', 'scaled_noise_variance']
     """
-    import pymc as pm
-    import pytensor.tensor as pt
-
     if not _is_own(prior):
         warn_of_uneven_columns(data, prior)
     if not callable(errors):
@@ -100,7 +92,12 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
         design = pm.Data("design_matrix", data.design_matrix, dims=("row", "coefficient"))
         response = pm.Data("observed_response", data.response, dims="row")
         given = {"dims": "coefficient", "transform": _coordinates(data, prior, errors)}
-        scaled, variance = prior(data, given) if callable(prior) else _package_prior(data, prior, given)
+        if callable(prior):
+            scaled, variance = prior(data, given)
+        else:
+            variance = pm.InverseGamma("scaled_noise_variance", alpha=prior.shape, beta=prior.scale)
+            spread = pt.sqrt(prior.coefficient_variance(variance, data.n_terms))
+            scaled = pm.Normal("scaled_coefficients", mu=prior.means(data.n_terms), sigma=spread, **given)
         coefficients = pm.Deterministic("coefficients", offset + pt.dot(transformation, scaled), dims="coefficient")
         noise_variance = pm.Deterministic("noise_variance", data.response_scale**2 * variance)
         fit, given = pt.dot(design, coefficients), {"observed": response, "dims": "row"}
@@ -111,21 +108,8 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     return model
 
 
-def _package_prior(data: RegressionData, prior: Prior, given: dict) -> tuple:
-    """Scaled coefficients and noise variance under a prior of the package."""
-    import pymc as pm
-    import pytensor.tensor as pt
-
-    variance = pm.InverseGamma("scaled_noise_variance", alpha=prior.shape, beta=prior.scale)
-    spread = pt.sqrt(prior.coefficient_variance(variance, data.n_terms))
-    return pm.Normal("scaled_coefficients", mu=prior.means(data.n_terms), sigma=spread, **given), variance
-
-
 def _row_density(errors: str, fit: Any, sd: Any, given: dict) -> None:
     """Likelihood of the rows under an error law, with its parameter; for AR(1) each row given the one before."""
-    import pymc as pm
-    import pytensor.tensor as pt
-
     if errors == "student_t":
         nu = pm.Gamma("degrees_of_freedom", alpha=NU_SHAPE, beta=NU_RATE)
         pm.StudentT("response", nu=nu, mu=fit, sigma=sd, **given)
@@ -144,8 +128,6 @@ def _coordinates(data: RegressionData, prior: Prior | Callable, errors: str | Ca
 
     Non-normal errors are whitened at a plug-in estimate (t weights with 4 degrees of freedom; Prais-Winsten).
     """
-    from pymc_ship.inference.sampling.linear_transform import LinearTransform
-
     prior = ConjugatePrior() if callable(prior) else prior
     whiten_at = ERRORS["normal" if callable(errors) else errors].whiten
     root, mean = np.sqrt(prior.kappas(data.n_terms)), prior.means(data.n_terms)
@@ -249,7 +231,7 @@ def nuts_posterior(
         return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
     if sampler == "nutpie" and errors == "normal":
         warn_of_uneven_columns(data, prior)
-        model = whitened_model.compiled(data.n_terms).with_data(**whitened_model.statistics(data, prior))
+        model = whitened_model.compiled_model(data.n_terms).with_data(**whitened_model.statistics(data, prior))
     else:
         model = pymc_model(data, prior, errors)
     sampled = sample_model(model, settings, seed, progress, sampler)
@@ -273,12 +255,8 @@ def sample_model(model: Any, settings: dict, seed: int, progress: bool, sampler:
 
     ``settings``: draws, chains, tune, target_accept, optional cores.
     """
-    import pymc as pm
-
     sampler = _installed_sampler(sampler)
     if sampler == "nutpie":
-        import nutpie
-
         compiled = nutpie.compile_pymc_model(model) if isinstance(model, pm.Model) else model
         sampled = nutpie.sample(compiled, **settings, seed=seed, progress_bar=progress, save_warmup=False)
     else:

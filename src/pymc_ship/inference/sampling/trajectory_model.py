@@ -1,27 +1,30 @@
-"""PyMC model of whole trajectories and its sampling by NUTS; pymc is imported when called."""
+"""PyMC model of whole trajectories and its sampling by NUTS."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import arviz as az
 import numpy as np
+import nutpie
+import pymc as pm
+import pytensor.tensor as pt
 import xarray as xr
+from nutpie.compiled_pyfunc import from_pyfunc
 from pytensor.tensor.variable import TensorVariable
 
 from pymc_ship.inference.regression.tree import rng_state
+from pymc_ship.inference.sampling.operations import SimulatedMotion
 from pymc_ship.inference.sampling.regression_model import check_settings, nuts_sample_stats
-from pymc_ship.inference.trajectory.fit import Problem, TrajectoryFit
+from pymc_ship.inference.trajectory.fit import Problem
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.posterior import log_likelihood_rows, log_prior_density, trajectory_tree
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-
-if TYPE_CHECKING:
-    import pymc as pm
 
 
 def trajectory_model(
@@ -67,9 +70,6 @@ def trajectory_model(
 
 def mode_model(mode: TrajectoryMode) -> pm.Model:
     """PyMC model around a mode; see :func:`trajectory_model`."""
-    import pymc as pm
-    import pytensor.tensor as pt
-
     fit, problem = mode.choice.fit, mode.choice.fit.problem
     if not np.isfinite(log_likelihood_rows(fit, fit.unknowns[None])).all():
         raise FitError(
@@ -78,7 +78,11 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
         )
     proper = problem.precision > 0.0
     prior_sd = problem.unit[proper] / np.sqrt(problem.precision[proper])
-    with pm.Model(coords=_coords(problem)) as model:
+    coords = {"direction": np.arange(problem.unit.size), **problem.labels}
+    for k, run in enumerate(problem.runs):
+        suffix = _suffix(problem, k)
+        coords |= {"row" + suffix: np.arange(run.n_blocks), "channel" + suffix: list(run.channels)}
+    with pm.Model(coords=coords) as model:
         coordinate = pm.Flat("direction_coordinate", dims="direction", initval=np.zeros(fit.unknowns.size))
         unknowns = fit.unknowns + pt.dot(fit.square_root, coordinate)
         log_prior = pm.logp(pm.Normal.dist(problem.center[proper], prior_sd), unknowns[proper])
@@ -101,19 +105,8 @@ def _suffix(problem: Problem, k: int) -> str:
     return f"_{k}" if len(problem.runs) > 1 else ""
 
 
-def _coords(problem: Problem) -> dict:
-    coords = {"direction": np.arange(problem.unit.size), **problem.labels}
-    for k, run in enumerate(problem.runs):
-        suffix = _suffix(problem, k)
-        coords |= {"row" + suffix: np.arange(run.n_blocks), "channel" + suffix: list(run.channels)}
-    return coords
-
-
 def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: list) -> None:
     """Named coefficients, initial states and sensor offsets; NaN where a run has none."""
-    import pymc as pm
-    import pytensor.tensor as pt
-
     pm.Deterministic("coefficients", coefficients, dims="coefficient")
     labels, channels, n_runs = problem.labels, problem.channels, len(problem.runs)
     state = pt.full((n_runs, len(labels["state"])), np.nan)
@@ -129,11 +122,6 @@ def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: l
 
 def _response(problem: Problem, k: int, coefficients: TensorVariable, nuisances: TensorVariable) -> None:
     """Likelihood of the blocks of a run, with first-order autocorrelation if any."""
-    import pymc as pm
-    import pytensor.tensor as pt
-
-    from pymc_ship.inference.sampling.operations import SimulatedMotion
-
     run, noise, suffix = problem.runs[k], problem.noise[k], _suffix(problem, k)
     motion: Any = SimulatedMotion(run, problem.vessel)(coefficients, nuisances[: run.n_states])
     fitted, values = motion[list(run.rows)].T, noise.values.T
@@ -202,14 +190,17 @@ def mode_nuts_posterior(
     mode: TrajectoryMode, *, draws: int, chains: int, tune: int, rng: np.random.Generator
 ) -> xr.DataTree:
     """Draws of NUTS around a mode; see :func:`trajectory_nuts_posterior`."""
-    import nutpie
-
     fit, state, seed = mode.choice.fit, rng_state(rng), int(rng.integers(2**31))
     sampled = nutpie.sample(
         _nutpie_density(mode), draws=draws, chains=chains, tune=tune, seed=seed, progress_bar=False, save_warmup=False
     )
     coordinates = sampled["posterior"]["direction_coordinate"]
     statistics = nuts_sample_stats(sampled["sample_stats"].dataset, tune, "nutpie")
+    diverging = statistics["diverging"]
+    verdict = f"{int(diverging.sum())} of {diverging.size} transitions of NUTS diverged"
+    if chains > 1:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            verdict += f", the largest R-hat is {float(az.rhat(coordinates).max()):.3f}"
     unknowns = fit.unknowns + coordinates.to_numpy() @ fit.square_root.T
     flat = unknowns.reshape(-1, fit.unknowns.size)
     log_likelihood = log_likelihood_rows(fit, flat)
@@ -220,7 +211,7 @@ def mode_nuts_posterior(
         log_prior_density(fit, flat).reshape(chains, draws),
         method="trajectory_nuts",
         attrs={
-            "verdict": _verdict(coordinates, statistics["diverging"]),
+            "verdict": verdict,
             "share_diverged": float(np.mean(~np.isfinite(log_likelihood).all(axis=1))),
             "rng_state": state,
         },
@@ -228,20 +219,8 @@ def mode_nuts_posterior(
     )
 
 
-@np.errstate(divide="ignore", invalid="ignore")
-def _verdict(coordinates: xr.DataArray, diverging: xr.DataArray) -> str:
-    import arviz as az
-
-    divergences = f"{int(diverging.sum())} of {diverging.size} transitions of NUTS diverged"
-    if coordinates.sizes["chain"] < 2:
-        return divergences
-    return f"{divergences}, the largest R-hat is {float(az.rhat(coordinates).max()):.3f}"
-
-
 def _nutpie_density(mode: TrajectoryMode) -> Any:
     """Log density for nutpie, one function for each chain."""
-    from nutpie.compiled_pyfunc import from_pyfunc
-
     fit, model, compile_lock = mode.choice.fit, mode_model(mode), Lock()
     n_unknowns = fit.unknowns.size
 
@@ -259,6 +238,13 @@ def _nutpie_density(mode: TrajectoryMode) -> Any:
     def expand_draw(seed1: int, seed2: int, chain: int) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
         return lambda coordinate: {"direction_coordinate": np.asarray(coordinate)}
 
+    def start(seed: int) -> np.ndarray:
+        """Random start from the normal approximation, moved towards the mode while it diverges."""
+        coordinate = np.random.default_rng(seed).standard_normal(n_unknowns)
+        while not np.isfinite(log_likelihood_rows(fit, (fit.unknowns + fit.square_root @ coordinate)[None])).all():
+            coordinate *= 0.5
+        return coordinate
+
     return from_pyfunc(
         n_unknowns,
         log_density,
@@ -266,13 +252,5 @@ def _nutpie_density(mode: TrajectoryMode) -> Any:
         [np.dtype(float)],
         [(n_unknowns,)],
         ["direction_coordinate"],
-        make_initial_point_fn=lambda seed: _start(fit, np.random.default_rng(seed)),
+        make_initial_point_fn=start,
     )
-
-
-def _start(fit: TrajectoryFit, rng: np.random.Generator) -> np.ndarray:
-    """Random start from the normal approximation, moved towards the mode while it diverges."""
-    coordinate = rng.standard_normal(fit.unknowns.size)
-    while not np.isfinite(log_likelihood_rows(fit, (fit.unknowns + fit.square_root @ coordinate)[None])).all():
-        coordinate *= 0.5
-    return coordinate

@@ -8,41 +8,32 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import nutpie
+import pymc as pm
+import pytensor.tensor as pt
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.priors import Prior, Rotation, rotate
 from pymc_ship.inference.rows.data import RegressionData
 
-if TYPE_CHECKING:
-    import pymc as pm
-
 
 @lru_cache(maxsize=16)
-def compiled(n_terms: int) -> Any:
+def compiled_model(n_terms: int) -> Any:
     """Compiled whitened model with placeholder data; ``with_data`` sets :func:`statistics`."""
-    import nutpie
-
     placeholder = RegressionData.from_arrays(np.eye(n_terms), np.ones(n_terms))
     return nutpie.compile_pymc_model(whitened_model(placeholder, ConjugatePrior()))
 
 
 def _noise_coordinate(shape: Any, scale: Any, level: Any, width: Any, size: Any) -> Any:
     """Standardised log of an inverse gamma variable; PyMC derives its density."""
-    import pymc as pm
-    import pytensor.tensor as pt
-
     return (pt.log(pm.InverseGamma.dist(shape, scale, size=size)) - level) / width
 
 
 class Summary(NamedTuple):
-    """Scalars of data and prior of the whitened model.
-
-    sigma2 ~ IG(``shape``, ``scale``); ``power`` of sigma2 in the prior variance of g; ``level`` and ``width``
-    standardise log sigma2.
-    """
+    """Scalars of the model; ``power`` of sigma2 in the prior variance of g; ``level``, ``width`` of log sigma2."""
 
     shape: float
     scale: float
@@ -56,21 +47,13 @@ class Summary(NamedTuple):
 
 def whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
     """PyMC model of prior and likelihood in whitened coordinates."""
-    import pymc as pm
-    import pytensor.tensor as pt
-
     n_terms = data.n_terms
     coords = {"coefficient": list(data.coefficients), "row": np.arange(data.n_rows)}
     coords |= {"direction": np.arange(n_terms), "quantity": list(Summary._fields)}
     with pm.Model(coords=coords) as model:
-        dims: dict[str, str | tuple[str, str]] = {
-            "summary": "quantity",
-            "singular_values": "direction",
-            "projection": "direction",
-        }
-        dims["basis"] = ("coefficient", "basis_column")
-        values = statistics(data, prior)
-        values = {name: pm.Data(name, value, dims=dims[name]) for name, value in values.items()}
+        dims: dict[str, Any] = {"summary": "quantity", "basis": ("coefficient", "basis_column")}
+        given = statistics(data, prior)
+        values = {name: pm.Data(name, value, dims=dims.get(name, "direction")) for name, value in given.items()}
         summary, basis = Summary(*(values["summary"][k] for k in range(len(Summary._fields)))), values["basis"]
         singular_values, projection = values["singular_values"], values["projection"]
 

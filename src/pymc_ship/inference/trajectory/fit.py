@@ -17,12 +17,8 @@ from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_run_indices
 
-CHANGE = 1e-4
-"""Convergence: the next step would lower the negative log posterior by less."""
-
-TAU_RANGE = (0.05, 20.0)
-"""Bounds of the factors of the prior scales."""
-
+CHANGE = 1e-4  # convergence: the next step would lower the negative log posterior by less
+TAU_RANGE = (0.05, 20.0)  # bounds of the factors of the prior scales
 _LOG_2PI = np.log(2.0 * np.pi)
 _MOST_STEPS = 400
 _MOST_REFITS = 6
@@ -55,6 +51,10 @@ class Problem:
     noise: tuple[Noise, ...]
     tau: np.ndarray
     trial_indices: tuple[int, ...] = ()
+
+    def with_noise_sd(self, sd: np.ndarray) -> Problem:
+        """Problem with white noise of an sd (n_channels,) of the block means, without offsets."""
+        return replace(self, noise=tuple(Noise(sd, np.zeros(sd.size), False, run.means) for run in self.runs))
 
     @property
     def per_run(self) -> np.ndarray:
@@ -203,8 +203,11 @@ def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
             gradient[indices] -= design.T @ misfit
             local += design.T @ design
         matrix[np.ix_(indices, indices)] += local
-        residuals.append(np.array([misfit for misfit, _ in rows]))
-        log_likelihood += _log_normal(residuals[-1], noise)
+        white = np.array([misfit for misfit, _ in rows])
+        n_blocks = white.shape[1]
+        log_sd = n_blocks * np.log(noise.sd) + 0.5 * (n_blocks - 1) * np.log1p(-(noise.correlation**2))
+        log_likelihood += float(-0.5 * (np.sum(white**2) + white.size * _LOG_2PI) - np.sum(log_sd))
+        residuals.append(white)
     return Linearisation(log_likelihood, gradient * unit, matrix * np.outer(unit, unit), tuple(residuals))
 
 
@@ -238,13 +241,6 @@ def run_rows(
     return rows
 
 
-def _log_normal(white: np.ndarray, noise: Noise) -> float:
-    """Log density of the block means from their whitened misfit (n_channels, n_blocks)."""
-    n_blocks = white.shape[1]
-    log_sd = n_blocks * np.log(noise.sd) + 0.5 * (n_blocks - 1) * np.log1p(-(noise.correlation**2))
-    return float(-0.5 * (np.sum(white**2) + white.size * _LOG_2PI) - np.sum(log_sd))
-
-
 def _cost(problem: Problem, unknowns: np.ndarray, point: Linearisation | None) -> float:
     if point is None:
         return np.inf
@@ -265,7 +261,9 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> tuple[np.nda
     damping, growth = 1e-3, 2.0
     for _ in range(_MOST_STEPS):
         slope = point.gradient + precision * (unknowns - center) / unit
-        step = -_solve(point.matrix + np.diag(precision + damping), slope)
+        damped = point.matrix + np.diag(precision + damping)
+        size = np.sqrt(np.diag(damped))
+        step = -np.linalg.solve(damped / np.outer(size, size), slope / size) / size
         expected = 0.5 * step @ (damping * step - slope)
         if growth == 2.0 and expected < change:
             return unknowns, point
@@ -282,12 +280,6 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> tuple[np.nda
     raise FitError(
         f"A fit converges in {_MOST_STEPS} steps, found no minimum; give more runs or a prior nearer to the ship."
     )
-
-
-def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Solution of a symmetric system after scaling its diagonal to one."""
-    size = np.sqrt(np.diag(matrix))
-    return np.linalg.solve(matrix / np.outer(size, size), vector / size) / size
 
 
 def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) -> TrajectoryFit:
@@ -359,7 +351,6 @@ def _normal_approximation(problem: Problem, unknowns: np.ndarray, log_likelihood
     return unit[:, None] * right.T / s, float(log_evidence)
 
 
-def initial_problem(runs: Sequence[Run], vessel: Vessel, prior: CoefficientPrior, *, offsets: bool = False) -> Problem:
+def initial_problem(runs: Sequence[Run], vessel: Vessel, prior: CoefficientPrior) -> Problem:
     """Problem with white noise and all factors tau at 1."""
-    noise = tuple(white_noise(run, offsets=offsets) for run in runs)
-    return Problem(tuple(runs), vessel, prior, noise, np.ones(len(vessel.dofs)))
+    return Problem(tuple(runs), vessel, prior, tuple(map(white_noise, runs)), np.ones(len(vessel.dofs)))

@@ -24,15 +24,9 @@ from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import Vessel
 
-NOISE_MODELS = ("auto", "white", "ar1", "student_t")
-"""Values of ``noise``; ``auto`` chooses by the tests of the residuals."""
-
-ALPHA = 1e-4
-"""Significance level of each test, for all channels together."""
-
-LAGS = 10
-"""Lags of the Ljung-Box test, in blocks."""
-
+NOISE_MODELS = ("auto", "white", "ar1", "student_t")  # ``auto`` chooses by the tests of the residuals
+ALPHA = 1e-4  # significance level of each test, for all channels together
+LAGS = 10  # lags of the Ljung-Box test, in blocks
 _MOST_PASSES = 5
 _CONVERGED = 0.02  # posterior standard deviations
 _DEGREES_OF_FREEDOM = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
@@ -89,15 +83,14 @@ def fit_with_noise(
     tests = residual_tests(white)
     if noise == "auto":
         noise = "ar1" if tests.serial < ALPHA else "student_t" if tests.tails < ALPHA else "white"
-        shifted = tests.offset < ALPHA if offsets is None else offsets
-        if noise == "ar1" and shifted:
-            noise = _correlated_or_shifted(white)
+        if noise == "ar1" and (tests.offset < ALPHA if offsets is None else offsets):
+            noise = _ar1_or_white(white)
     fit, degrees_of_freedom = _fit_under_noise(white, noise, bool(offsets), tests)
-    shifted = offset_test(fit) < ALPHA if offsets is None else offsets
-    if shifted and offsets is None:
+    has_offsets = offset_test(fit) < ALPHA if offsets is None else offsets
+    if has_offsets and offsets is None:
         fit, degrees_of_freedom = _fit_under_noise(fit, noise, True, tests)
-    sentence = _sentence(noise, shifted, degrees_of_freedom, tests, fit)
-    return NoiseChoice(fit, noise, shifted, degrees_of_freedom, tests, sentence)
+    sentence = _sentence(noise, has_offsets, degrees_of_freedom, tests, fit)
+    return NoiseChoice(fit, noise, has_offsets, degrees_of_freedom, tests, sentence)
 
 
 def _white_fit(problem: Problem, start: np.ndarray) -> TrajectoryFit:
@@ -121,13 +114,13 @@ def _white_fit(problem: Problem, start: np.ndarray) -> TrajectoryFit:
     return replace(fit, problem=replace(fit.problem, prior=prior))
 
 
-def _correlated_or_shifted(white: TrajectoryFit) -> str:
+def _ar1_or_white(white: TrajectoryFit) -> str:
     """Noise model of correlated residuals: ``white`` if constant offsets explain the correlation, else ``ar1``."""
     try:
-        shifted, _ = _fit_under_noise(white, "white", True, None)
+        fit, _ = _fit_under_noise(white, "white", True, None)
     except FitError:
         return "ar1"
-    return "ar1" if serial_test(shifted) < ALPHA else "white"
+    return "ar1" if serial_test(fit) < ALPHA else "white"
 
 
 def residual_tests(fit: TrajectoryFit) -> ResidualTests:
@@ -162,13 +155,11 @@ def serial_test(fit: TrajectoryFit) -> float:
 
 def offset_test(fit: TrajectoryFit) -> float:
     """p-value of the score test of a constant offset of each sensor: one Gauss-Newton step of all unknowns from 0."""
-    noise = tuple(replace(noise, offsets=True) for noise in fit.problem.noise)
-    problem = replace(fit.problem, noise=noise)
-    parts, is_offset = [fit.coefficients], [np.zeros(fit.coefficients.size, dtype=bool)]
-    for run, nuisance_slice in zip(problem.runs, fit.problem.nuisances, strict=True):
-        parts += [fit.unknowns[nuisance_slice][: run.n_states], np.zeros(len(run.channels))]
-        is_offset += [np.zeros(run.n_states, dtype=bool), np.ones(len(run.channels), dtype=bool)]
-    unknowns, free = np.concatenate(parts), np.concatenate(is_offset)
+    problem = replace(fit.problem, noise=tuple(replace(noise, offsets=True) for noise in fit.problem.noise))
+    ends = [nuisances.stop for nuisances in fit.problem.nuisances]
+    positions = np.repeat(ends, [len(run.channels) for run in problem.runs])
+    unknowns = np.insert(fit.unknowns, positions, 0.0)
+    free = np.insert(np.zeros(fit.unknowns.size, dtype=bool), positions, True)
     point = linearise(problem, unknowns)
     if point is None:
         raise FitError(
@@ -189,9 +180,8 @@ def sample_residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]
     for run, nuisance_slice, noise in zip(problem.runs, problem.nuisances, problem.noise, strict=True):
         nuisances = unknowns[nuisance_slice]
         start, theta = nuisances[: run.n_states], unknowns[: problem.n_coefficients]
-        motion = replay(problem.vessel, run.inputs, start, theta, **run.integration)
-        offsets = nuisances[run.n_states :, None] if noise.offsets else 0.0
-        residuals.append(run.samples - motion[list(run.rows), 0] - offsets)
+        motion = replay(problem.vessel, run.inputs, start, theta, **run.integration)[list(run.rows), 0]
+        residuals.append(run.samples - motion - (nuisances[run.n_states :, None] if noise.offsets else 0.0))
     return residuals
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, rng_state
-from pymc_ship.inference.trajectory.fit import Problem, TrajectoryFit
+from pymc_ship.inference.trajectory.fit import TrajectoryFit
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfits
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
@@ -23,9 +23,7 @@ from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import coefficient_names
 
-KHAT_LIMIT = 0.7
-"""Pareto k-hat above which the normal approximation is unreliable (Vehtari et al. 2024)."""
-
+KHAT_LIMIT = 0.7  # Pareto k-hat above which the normal approximation is unreliable (Vehtari et al. 2024)
 _LOG_2PI = np.log(2.0 * np.pi)
 
 
@@ -102,7 +100,9 @@ def trajectory_posterior(
     rng = random_generator(rng)
     vessel = as_vessel(vessel)
     if draws < 1 or chains < 1 or draws % chains:
-        raise ValueError(f"Chains have equal numbers of draws, found {draws} for {chains} chains; give a multiple.")
+        raise ValueError(
+            f"Chains have equal numbers of draws, found {draws} draws for {chains} chains; give a multiple."
+        )
     mode = trajectory_mode(trials, vessel, prior, **settings)
     return laplace_posterior(mode, draws=draws, chains=chains, rng=rng)
 
@@ -175,20 +175,8 @@ def trajectory_tree(
     sample = ("chain", "draw")
     coords = {"chain": np.arange(unknowns.shape[0]), "draw": np.arange(unknowns.shape[1])}
     constant, observed = _records(mode.choice.fit)
-    row = {"row": constant["row"]}
-    tree = {
-        "posterior": _posterior_group(mode.choice.fit.problem, unknowns, coords),
-        "log_likelihood": xr.Dataset({"response": ((*sample, "row"), log_likelihood)}, coords | row),
-        "log_prior": xr.Dataset({"coefficients": (sample, log_prior)}, coords),
-        "observed_data": observed,
-        "constant_data": constant,
-    }
-    root = xr.Dataset(attrs=_attrs(mode, method) | dict(attrs))
-    return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
-
-
-def _posterior_group(problem: Problem, unknowns: np.ndarray, coords: Mapping) -> xr.Dataset:
-    sample, labels, channels = ("chain", "draw"), problem.labels, problem.channels
+    problem = mode.choice.fit.problem
+    labels, channels = problem.labels, problem.channels
     initial = np.full((*unknowns.shape[:2], len(problem.runs), len(labels["state"])), np.nan)
     offset = np.full((*unknowns.shape[:2], len(problem.runs), len(channels)), np.nan)
     for k, (run, noise, nuisance_slice) in enumerate(zip(problem.runs, problem.noise, problem.nuisances, strict=True)):
@@ -202,7 +190,17 @@ def _posterior_group(problem: Problem, unknowns: np.ndarray, coords: Mapping) ->
     }
     if "channel" in labels:
         variables["sensor_offset"] = ((*sample, "run", "channel"), offset)
-    return xr.Dataset(variables, dict(coords) | labels)
+    tree = {
+        "posterior": xr.Dataset(variables, coords | labels),
+        "log_likelihood": xr.Dataset(
+            {"response": ((*sample, "row"), log_likelihood)}, coords | {"row": constant["row"]}
+        ),
+        "log_prior": xr.Dataset({"coefficients": (sample, log_prior)}, coords),
+        "observed_data": observed,
+        "constant_data": constant,
+    }
+    root = xr.Dataset(attrs=_attrs(mode, method) | dict(attrs))
+    return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
 
 
 def _records(fit: TrajectoryFit) -> tuple[xr.Dataset, xr.Dataset]:

@@ -16,11 +16,8 @@ from pymc_ship.physics.forces.terms import order
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
-KINDS = ("flat", "order_damped", "sister_ship")
-"""Kinds of prior that need no table."""
-
-FREEDOM = 4.0
-"""Degrees of freedom of the Student-t prior of fits to windows."""
+KINDS = ("flat", "order_damped", "sister_ship")  # kinds of prior that need no table
+FREEDOM = 4.0  # degrees of freedom of the Student-t prior of fits to windows
 
 
 class GaussianLikelihood(NamedTuple):

@@ -18,14 +18,9 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import CHANNELS, channel_names, default_channels
 from pymc_ship.trial.record import as_trial, check_trial, sampling_interval, second_difference_sd
 
-BLOCK = 0.2
-"""Length of a block [s]; faster samples are averaged over it."""
-
-LONGEST_STEP = 0.1
-"""Longest integration step [s]."""
-
-FEWEST_BLOCKS = 20
-"""Least number of blocks of a record."""
+BLOCK = 0.2  # length of a block [s]; faster samples are averaged over it
+LONGEST_STEP = 0.1  # longest integration step [s]
+FEWEST_BLOCKS = 20  # least number of blocks of a record
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,7 @@ import numpy as np
 import xarray as xr
 from scipy.signal import savgol_filter
 
-from pymc_ship.inference.trajectory.fit import (
-    Noise,
-    Problem,
-    TrajectoryFit,
-    fit_trajectory,
-    initial_problem,
-    linearised_runs,
-)
+from pymc_ship.inference.trajectory.fit import TrajectoryFit, fit_trajectory, initial_problem, linearised_runs
 from pymc_ship.inference.trajectory.mode import TrajectoryMode
 from pymc_ship.inference.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
@@ -34,14 +27,9 @@ from pymc_ship.physics.vessel.vessel import Vessel, per_run_indices
 from pymc_ship.trial.channels import CHANNELS, default_channels
 from pymc_ship.trial.record import sampling_interval
 
-LENGTH = 5.0
-"""Length of a window [L/U_nom]."""
-
-SAMPLES = 50
-"""Samples in L/U_nom; means of faster records are taken."""
-
+LENGTH = 5.0  # length of a window [L/U_nom]
+SAMPLES = 50  # samples in L/U_nom; means of faster records are taken
 HEADING = STATE.index("psi")
-
 _BLOCKS = 30  # blocks compared in L/U
 _STEPS = 60  # least integration steps in L/U
 _SMOOTHED = 0.5  # L/U, length of the local cubic for the initial state of a window
@@ -236,7 +224,7 @@ def _iterated_fit(
     spread = np.array([sd[name] for name in runs[0].channels]) if sd else _rms_residual(windows, vessel, start)
     spread = np.maximum(spread, least)
     for _ in range(_PASSES):
-        fit = fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE)
+        fit = fit_trajectory(problem.with_noise_sd(spread), unknowns, _CHANGE)
         square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
         noise_sd = np.maximum(spread * np.sqrt(square / sum(run.n_blocks for run in runs)), least)
         design_effect = max(_design_effect(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
@@ -254,12 +242,6 @@ def _rms_residual(windows: Sequence[Window], vessel: Vessel, coefficients: np.nd
     square = np.array([np.mean(window_misfit(window, vessel, coefficients) ** 2, axis=1) for window in windows])
     finite = np.isfinite(square).all(axis=1)
     return np.sqrt(np.mean(square[finite], axis=0)) if finite.any() else windows[0].run.sample_sd
-
-
-def _with_noise(problem: Problem, sd: np.ndarray) -> Problem:
-    """Problem with white noise of a given sd of each channel."""
-    noise = tuple(Noise(sd, np.zeros(sd.size), offsets=False, values=run.means) for run in problem.runs)
-    return replace(problem, noise=noise)
 
 
 def _design_effect(fit: TrajectoryFit) -> float:
@@ -306,7 +288,7 @@ def with_constants(windows: Sequence[Window], fit: WindowFit) -> np.ndarray:
     spread = np.array(list(fit.effective_sd.values()))
     unknowns = np.concatenate([fit.coefficients, *(window.state for window in windows)])
     try:
-        return fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE).coefficients
+        return fit_trajectory(problem.with_noise_sd(spread), unknowns, _CHANGE).coefficients
     except FitError:
         return fit.coefficients
 
