@@ -3,8 +3,7 @@
 - `gibbs`: Gibbs sampler of a regression.
 - `error_laws`: normal, Student-t and AR(1) errors of rows.
 - `predictive`: prior, prior predictive and posterior predictive groups.
-- `linear_transform`: linear coordinates of a PyMC variable.
-- `whitened_model`: whitened coordinates of a regression with normal errors, for NUTS.
+- `whitened_model`: coordinates for NUTS in which a regression is nearly standard normal.
 - `prior_laws`: horseshoe and R2-D2 priors of the PyMC model.
 - `from_pymc`: posterior of a user's own PyMC model.
 - `regression_model`: PyMC model of a regression, and its NUTS draws.

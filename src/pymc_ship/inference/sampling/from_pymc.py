@@ -139,13 +139,9 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
             from_prior = pm.sample_prior_predictive(PREDICTIVE_DRAWS, random_seed=seed + 1, **fast_compile)
     finally:
         log.setLevel(level)
-    return {
-        "log_likelihood": likelihood,
-        "log_prior": prior,
-        "posterior_predictive": predictive["posterior_predictive"].to_dataset(),
-        "prior": from_prior["prior"].to_dataset(),
-        "prior_predictive": from_prior["prior_predictive"].to_dataset(),
-    }
+    drawn = {"posterior_predictive": predictive, "prior": from_prior, "prior_predictive": from_prior}
+    groups_of_draws = {name: tree[name].to_dataset() for name, tree in drawn.items()}
+    return {"log_likelihood": likelihood, "log_prior": prior, **groups_of_draws}
 
 
 def _named_rows(group: xr.Dataset, name: str, data: RegressionData) -> xr.Dataset:

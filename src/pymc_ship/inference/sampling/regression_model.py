@@ -1,4 +1,4 @@
-"""PyMC model of a regression and its sampling by NUTS.
+"""PyMC model of a regression and its sampling by NUTS; pymc is imported when called.
 
 NUTS moves in coordinates in which the posterior is nearly standard normal; the posterior does not depend on them.
 """
@@ -8,27 +8,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.metadata import version
 from importlib.util import find_spec
-from typing import Any, TypeIs
+from typing import TYPE_CHECKING, Any, TypeIs
 
 import numpy as np
-import nutpie
-import pymc as pm
-import pytensor.tensor as pt
 import xarray as xr
 
-from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.priors import Prior, check_prior, warn_of_uneven_columns
 from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.sampling import whitened_model
-from pymc_ship.inference.sampling.error_laws import ERRORS, NU_RATE, NU_SHAPE, error_law, with_errors
+from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, with_errors
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
-from pymc_ship.inference.sampling.linear_transform import LinearTransform
 from pymc_ship.inference.sampling.predictive import with_predictive
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.seeds import Seed, random_generator
 
-_PLUG_IN_STEPS = 10
+if TYPE_CHECKING:
+    import pymc as pm
+
 NUTS_SAMPLERS = ("nutpie", "pymc", "numpyro", "blackjax")
 
 # sample statistics by ArviZ name, with their types
@@ -82,6 +78,11 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     >>> sorted(variable.name for variable in model.free_RVs)
     ['scaled_coefficients', 'scaled_noise_variance']
     """
+    import pymc as pm
+    import pytensor.tensor as pt
+
+    from pymc_ship.inference.sampling.whitened_model import linear_coordinates
+
     if not _is_own(prior):
         warn_of_uneven_columns(data, prior)
     if not callable(errors):
@@ -91,7 +92,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     with pm.Model(coords=coords) as model:
         design = pm.Data("design_matrix", data.design_matrix, dims=("row", "coefficient"))
         response = pm.Data("observed_response", data.response, dims="row")
-        given = {"dims": "coefficient", "transform": _coordinates(data, prior, errors)}
+        given = {"dims": "coefficient", "transform": linear_coordinates(data, prior, errors)}
         if callable(prior):
             scaled, variance = prior(data, given)
         else:
@@ -110,6 +111,9 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
 
 def _row_density(errors: str, fit: Any, sd: Any, given: dict) -> None:
     """Likelihood of the rows under an error law, with its parameter; for AR(1) each row given the one before."""
+    import pymc as pm
+    import pytensor.tensor as pt
+
     if errors == "student_t":
         nu = pm.Gamma("degrees_of_freedom", alpha=NU_SHAPE, beta=NU_RATE)
         pm.StudentT("response", nu=nu, mu=fit, sigma=sd, **given)
@@ -121,33 +125,6 @@ def _row_density(errors: str, fit: Any, sd: Any, given: dict) -> None:
         fit = pt.inc_subtensor(fit[1:], rho * before)
         sd = sd * pt.switch(first, 1.0, pt.sqrt(1.0 - rho**2))
     pm.Normal("response", mu=fit, sigma=sd, **given)
-
-
-def _coordinates(data: RegressionData, prior: Prior | Callable, errors: str | Callable) -> LinearTransform:
-    """Linear coordinates in which the scaled coefficients are nearly standard normal, by a plug-in fit.
-
-    Non-normal errors are whitened at a plug-in estimate (t weights with 4 degrees of freedom; Prais-Winsten).
-    """
-    prior = ConjugatePrior() if callable(prior) else prior
-    whiten_at = ERRORS["normal" if callable(errors) else errors].whiten
-    root, mean = np.sqrt(prior.kappas(data.n_terms)), prior.means(data.n_terms)
-    design = data.scaled_design_matrix * root
-    target = data.scaled_response - data.scaled_design_matrix @ mean
-    wide, n_missing = data.n_terms > data.n_rows, max(0, data.n_terms - data.n_rows)
-    variance = (target @ target + 2.0 * prior.scale) / (data.n_rows + 2.0 * prior.shape)
-    whiten = ERRORS["normal"].whiten(target, 1.0)
-    for _ in range(_PLUG_IN_STEPS):
-        left, s, right = np.linalg.svd(whiten(design), full_matrices=wide)
-        z, s = np.pad(left.T @ whiten(target), (0, n_missing)), np.pad(s, (0, n_missing))
-        ratio = variance / prior.variance_factor(variance)
-        location = s * z / (ratio + s**2)
-        residual = target - design @ (location @ right)
-        error = whiten(residual)
-        variance = (error @ error + 2.0 * prior.scale) / (data.n_rows + 2.0 * prior.shape)
-        spread = np.sqrt(variance / (ratio + s**2))
-        whiten = whiten_at(residual, float(variance))
-    basis = right * root
-    return LinearTransform(mean + location @ basis, (spread[:, None] * basis).T)
 
 
 def nuts_posterior(
@@ -230,6 +207,8 @@ def nuts_posterior(
         sampled = sample_model(model, settings, seed, progress, sampler)
         return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
     if sampler == "nutpie" and errors == "normal":
+        from pymc_ship.inference.sampling import whitened_model
+
         warn_of_uneven_columns(data, prior)
         model = whitened_model.compiled_model(data.n_terms).with_data(**whitened_model.statistics(data, prior))
     else:
@@ -255,8 +234,12 @@ def sample_model(model: Any, settings: dict, seed: int, progress: bool, sampler:
 
     ``settings``: draws, chains, tune, target_accept, optional cores.
     """
+    import pymc as pm
+
     sampler = _installed_sampler(sampler)
     if sampler == "nutpie":
+        import nutpie
+
         compiled = nutpie.compile_pymc_model(model) if isinstance(model, pm.Model) else model
         sampled = nutpie.sample(compiled, **settings, seed=seed, progress_bar=progress, save_warmup=False)
     else:

@@ -78,9 +78,9 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
         )
     proper = problem.precision > 0.0
     prior_sd = problem.unit[proper] / np.sqrt(problem.precision[proper])
-    coords = {"direction": np.arange(problem.unit.size), **problem.labels}
-    for k, run in enumerate(problem.runs):
-        suffix = _suffix(problem, k)
+    coords, several = {"direction": np.arange(problem.unit.size), **problem.labels}, len(problem.runs) > 1
+    suffixes = [f"_{k}" if several else "" for k in range(len(problem.runs))]
+    for suffix, run in zip(suffixes, problem.runs, strict=True):
         coords |= {"row" + suffix: np.arange(run.n_blocks), "channel" + suffix: list(run.channels)}
     with pm.Model(coords=coords) as model:
         coordinate = pm.Flat("direction_coordinate", dims="direction", initval=np.zeros(fit.unknowns.size))
@@ -90,19 +90,13 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
         coefficients = unknowns[: problem.n_coefficients]
         other = problem.prior.likelihood_or_flat
         if other.design.size:
-            pm.Potential(
-                "log_likelihood_of_other_data",
-                -0.5 * pt.sum((other.response - pt.dot(other.design, coefficients)) ** 2),
-            )
+            residuals = other.response - pt.dot(other.design, coefficients)
+            pm.Potential("log_likelihood_of_other_data", -0.5 * pt.sum(residuals**2))
         nuisances = [unknowns[nuisance_slice] for nuisance_slice in problem.nuisances]
         _deterministics(problem, coefficients, nuisances)
-        for k, values in enumerate(nuisances):
-            _response(problem, k, coefficients, values)
+        for k, suffix in enumerate(suffixes):
+            _response(problem, k, suffix, coefficients, nuisances[k])
     return model
-
-
-def _suffix(problem: Problem, k: int) -> str:
-    return f"_{k}" if len(problem.runs) > 1 else ""
 
 
 def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: list) -> None:
@@ -120,9 +114,9 @@ def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: l
         pm.Deterministic("sensor_offset", offset, dims=("run", "channel"))
 
 
-def _response(problem: Problem, k: int, coefficients: TensorVariable, nuisances: TensorVariable) -> None:
+def _response(problem: Problem, k: int, suffix: str, coefficients: TensorVariable, nuisances: TensorVariable) -> None:
     """Likelihood of the blocks of a run, with first-order autocorrelation if any."""
-    run, noise, suffix = problem.runs[k], problem.noise[k], _suffix(problem, k)
+    run, noise = problem.runs[k], problem.noise[k]
     motion: Any = SimulatedMotion(run, problem.vessel)(coefficients, nuisances[: run.n_states])
     fitted, values = motion[list(run.rows)].T, noise.values.T
     if noise.offsets:

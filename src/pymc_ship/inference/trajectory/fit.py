@@ -20,10 +20,10 @@ from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_run_i
 CHANGE = 1e-4  # convergence: the next step would lower the negative log posterior by less
 TAU_RANGE = (0.05, 20.0)  # bounds of the factors of the prior scales
 _LOG_2PI = np.log(2.0 * np.pi)
-_MOST_STEPS = 400
-_MOST_REFITS = 6
-_MOST_TAU_UPDATES = 100
+_MOST_STEPS, _MOST_REFITS, _MOST_TAU_UPDATES = 400, 6, 100
 _LEAST_SINGULAR_VALUE = 1e-12
+
+Rows = list[tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -211,18 +211,14 @@ def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
     return Linearisation(log_likelihood, gradient * unit, matrix * np.outer(unit, unit), tuple(residuals))
 
 
-def linearised_runs(
-    problem: Problem, unknowns: np.ndarray
-) -> Iterator[tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]]:
+def linearised_runs(problem: Problem, unknowns: np.ndarray) -> Iterator[tuple[np.ndarray, Rows]]:
     """Indices of the unknowns of each run, coefficients first, and its :func:`run_rows`."""
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
     for run, noise, columns, nuisances in pieces:
         yield np.r_[columns, nuisances], run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[nuisances])
 
 
-def run_rows(
-    vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]]:
+def run_rows(vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray) -> Rows:
     """Whitened misfit (n_blocks,) and design (n_blocks, n_local) of each channel of a run; empty if it diverges."""
     start = nuisances[: run.n_states]
     motion, jacobian = sensitivities(vessel, run.inputs, start, coefficients, block=run.block, **run.integration)

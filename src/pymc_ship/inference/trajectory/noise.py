@@ -210,10 +210,8 @@ def _fit_under_noise(
         if kind == "student_t":
             degrees_of_freedom, noise = _student_noise(fit, offsets)
         else:
-            noise = [
-                _normal_noise(run, residuals, offsets, correlated=kind == "ar1")
-                for run, residuals in zip(fit.problem.runs, sample_residuals(fit.problem, fit.unknowns), strict=True)
-            ]
+            runs = zip(fit.problem.runs, sample_residuals(fit.problem, fit.unknowns), strict=True)
+            noise = [_normal_noise(run, residuals, offsets, correlated=kind == "ar1") for run, residuals in runs]
         previous, fit = fit, _refit(fit, noise)
         if np.max(np.abs(fit.coefficients - previous.coefficients) / fit.sd) < _CONVERGED:
             break

@@ -21,7 +21,6 @@ from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import coefficient_names
 
 KHAT_LIMIT = 0.7  # Pareto k-hat above which the normal approximation is unreliable (Vehtari et al. 2024)
 _LOG_2PI = np.log(2.0 * np.pi)
@@ -97,8 +96,7 @@ def trajectory_posterior(
     >>> print(f"{draws.mean():.5f}, {vessel.coefficients('yaw').sel(coefficient='Ngsincos'):.5f}")
     -0.00176, -0.00176
     """
-    rng = random_generator(rng)
-    vessel = as_vessel(vessel)
+    rng, vessel = random_generator(rng), as_vessel(vessel)
     if draws < 1 or chains < 1 or draws % chains:
         raise ValueError(
             f"Chains have equal numbers of draws, found {draws} draws for {chains} chains; give a multiple."
@@ -216,8 +214,7 @@ def _records(fit: TrajectoryFit) -> tuple[xr.Dataset, xr.Dataset]:
     constant = whole[["time", "run", "motion", "fitted"]]
     with np.errstate(divide="ignore"):  # infinite under a flat prior
         prior_sd = (problem.unit / np.sqrt(problem.precision))[: problem.n_coefficients]
-    names = {"coefficient": coefficient_names(problem.vessel)}
-    constant["prior_sd"] = xr.DataArray(prior_sd, names, ("coefficient",))
+    constant["prior_sd"] = xr.DataArray(prior_sd, {"coefficient": problem.labels["coefficient"]})
     constant["noise_sd"] = ("channel", np.sqrt(np.nanmean(noise_sd**2, axis=0)))
     constant["block_sd"], constant["correlation"] = (noise_dims, block_sd), (noise_dims, correlation)
     return constant, whole[["response"]]

@@ -131,8 +131,7 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list
     block, substeps = max(round(unit / _BLOCKS / step), 1), substeps_of(step, vessel)
     smooth = trial.assign({name: ("time", smoothed_channel(trial[name].values, unit / step)) for name in channels})
     scatter = {name: _SMOOTHING / np.sqrt(unit / step) * np.std(trial[name] - smooth[name]) for name in channels}
-    inputs = xr.DataArray(recorded_inputs(trial, vessel), dims=("input", "time"))
-    smooth = smooth.assign(inputs=inputs)
+    smooth = smooth.assign(inputs=(("input", "time"), recorded_inputs(trial, vessel)))
     windows = []
     for record, start in zip(window_records(trial, vessel), window_records(smooth, vessel), strict=True):
         run = trajectory_run(record, vessel, channels=channels, noise_sd=sd)
@@ -199,7 +198,7 @@ def window_mode(
     windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, start: np.ndarray
 ) -> TrajectoryMode:
     """Mode of :func:`fit_windows` without the sandwich covariance, for Laplace and NUTS draws."""
-    fit, _, design_effect = _iterated_fit(windows, vessel, prior, start)
+    fit, _, design_effect = _iterated_fit(windows, vessel, prior, start, None)
     sentence = (
         f"Noise sd: root mean square residual of each channel times the root of the design effect {design_effect:.3g}."
     )
@@ -207,11 +206,7 @@ def window_mode(
 
 
 def _iterated_fit(
-    windows: Sequence[Window],
-    vessel: Vessel,
-    prior: CoefficientPrior,
-    start: np.ndarray,
-    sd: dict[str, float] | None = None,
+    windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, start: np.ndarray, sd: dict[str, float] | None
 ) -> tuple[TrajectoryFit, np.ndarray, float]:
     """Fit, root mean square residual of each channel (n_channels,) and design effect, iterated to convergence."""
     runs = [window.run for window in windows]
