@@ -60,15 +60,15 @@ def density_error(model, data, prior, errors, twist=lambda parameter: parameter)
         coefficients, noise_variance, parameter = parameters(flat)
         return np.append(scaled_parameters(data, coefficients, noise_variance), parameter)
 
-    found = []
+    errors_of_density = []
     for flat in np.random.default_rng(1).normal(size=(3, N_TERMS + 2)):
         coefficients, noise_variance, parameter = parameters(flat)
         *own, variance, _ = scaled(flat)
         residual = data.response - data.design_matrix @ coefficients
         expected = log_rows(errors, residual, noise_variance, twist(parameter)) + log_volume(scaled, flat)
         expected += log_prior(prior, np.array(own), variance, errors, parameter)
-        found.append(abs(log_density(flat) - expected) / max(1.0, abs(expected)))
-    return max(found)
+        errors_of_density.append(abs(log_density(flat) - expected) / max(1.0, abs(expected)))
+    return max(errors_of_density)
 
 
 @pytest.mark.parametrize("family", POWER)
@@ -80,7 +80,7 @@ def test_log_density_is_prior_times_likelihood_with_constants(errors, case, fami
 
 
 @pytest.mark.parametrize("errors", PARAMETER)
-def test_log_density_of_another_parameter_is_told_apart(errors):
+def test_another_parameter_has_another_log_density(errors):
     data, prior = regression("tall"), ConjugatePrior(**hyperparameters())
     model = pymc_model(data, prior, errors)
     assert density_error(model, data, prior, errors, twist=lambda parameter: 0.9 * parameter) > 1e-4
@@ -98,7 +98,7 @@ def test_log_likelihood_of_the_rows_adds_up_to_the_joint_one(errors):
         assert rows[index].sum() == pytest.approx(expected, rel=1e-10)
 
 
-def test_the_laws_meet_in_the_normal_one():
+def test_the_laws_have_the_normal_law_as_limit():
     residual, variance = np.random.default_rng(2).normal(size=(2, 20)), np.array([0.5, 2.0])
     normal = ERRORS["normal"].log_likelihood(residual, variance, None)
     assert ERRORS["ar1"].log_likelihood(residual, variance, np.zeros(2)) == pytest.approx(normal, abs=1e-12)
@@ -120,7 +120,7 @@ def noise(errors, parameter, n_rows, rng):
     return e
 
 
-def made(errors, parameter, seed, n_rows=200):
+def simulated_rows(errors, parameter, seed, n_rows=200):
     """Rows with slow columns, as a ship's, and errors of the given law."""
     rng = np.random.default_rng(seed)
     slow = np.sin(
@@ -157,7 +157,7 @@ def exact_ar1(data, prior):
 @cache
 def ar1_case(sampler=None):
     options = {"sampler": sampler, "draws": 1500, "tune": 1000}
-    return fit(made("ar1", 0.8, 3), "ar1", ConjugatePrior(**hyperparameters()), **options)
+    return fit(simulated_rows("ar1", 0.8, 3), "ar1", ConjugatePrior(**hyperparameters()), **options)
 
 
 def z_scores(tree, exact, names):
@@ -173,7 +173,7 @@ NAMES = ("coefficients", "noise_variance", "autocorrelation")
 
 @pytest.mark.consistency
 def test_ar1_agrees_with_quadrature_over_the_autocorrelation():
-    data, prior, tree = made("ar1", 0.8, 3), ConjugatePrior(**hyperparameters()), ar1_case()
+    data, prior, tree = simulated_rows("ar1", 0.8, 3), ConjugatePrior(**hyperparameters()), ar1_case()
     z, limit = z_scores(tree, exact_ar1(data, prior), NAMES)
     assert z.max() < limit
     assert az.rhat(tree["posterior"]["autocorrelation"]) < 1.01
@@ -183,18 +183,18 @@ def test_ar1_agrees_with_quadrature_over_the_autocorrelation():
 
 @pytest.mark.slow
 @pytest.mark.consistency
-def test_chains_find_an_autocorrelation_near_one():
-    """As denoised ship data have it; from rho = 0 a chain may end at -1."""
-    tree = fit(made("ar1", 0.995, 7, n_rows=400), "ar1", draws=1000, tune=1000)
+def test_chains_reach_an_autocorrelation_near_one():
+    """As in denoised ship data; from rho = 0 a chain may end at -1."""
+    tree = fit(simulated_rows("ar1", 0.995, 7, n_rows=400), "ar1", draws=1000, tune=1000)
     assert az.rhat(tree["posterior"]["autocorrelation"]) < 1.02
     assert tree["posterior"]["autocorrelation"].min() > 0.9
 
 
 @pytest.mark.slow
 @pytest.mark.consistency
-def test_ar1_under_another_prior_is_caught():
+def test_ar1_under_another_prior_fails():
     wrong = ConjugatePrior(**hyperparameters(scale=30.0))
-    z, limit = z_scores(ar1_case(), exact_ar1(made("ar1", 0.8, 3), wrong), NAMES)
+    z, limit = z_scores(ar1_case(), exact_ar1(simulated_rows("ar1", 0.8, 3), wrong), NAMES)
     assert z.max() > limit
 
 
@@ -202,7 +202,7 @@ def test_ar1_under_another_prior_is_caught():
 @pytest.mark.consistency
 def test_student_t_on_normal_errors_is_the_normal_fit():
     """The t estimate has an efficiency of 0.99 or so at nu = 20: its distance from the normal one is about 0.1 sd."""
-    data = made("student_t", np.inf, 4, n_rows=400)
+    data = simulated_rows("student_t", np.inf, 4, n_rows=400)
     exact, tree = ConjugatePrior().exact(data), fit(data, "student_t")
     mean, sd = moments(tree)
     assert np.abs((mean - exact.mean) / exact.sd).max() < 0.4
@@ -215,7 +215,7 @@ def test_student_t_on_normal_errors_is_the_normal_fit():
 def test_student_t_recovers_heavy_tails_and_beats_the_normal_fit():
     error, normal_error, scores = 0.0, 0.0, []
     for seed in range(8):
-        data = made("student_t", 3.0, 100 + seed)
+        data = simulated_rows("student_t", 3.0, 100 + seed)
         exact, tree = ConjugatePrior().exact(data), fit(data, "student_t")
         error += np.sum(((moments(tree)[0] - TRUE) / exact.sd) ** 2)
         normal_error += np.sum(((exact.mean - TRUE) / exact.sd) ** 2)
@@ -232,7 +232,7 @@ def test_ar1_is_calibrated_where_the_normal_fit_is_overconfident():
     square, normal_square, wider, scores = 0.0, 0.0, [], []
     seeds = 10
     for seed in range(seeds):
-        data = made("ar1", 0.8, 200 + seed)
+        data = simulated_rows("ar1", 0.8, 200 + seed)
         exact, tree = ConjugatePrior().exact(data), fit(data, "ar1")
         mean, sd = moments(tree)
         square += np.sum(((mean - TRUE) / sd) ** 2)
@@ -249,7 +249,7 @@ def test_ar1_is_calibrated_where_the_normal_fit_is_overconfident():
 @pytest.mark.slow
 @pytest.mark.parametrize("errors", PARAMETER)
 def test_layout_draws_and_round_trip(errors, tmp_path):
-    data, name = made(errors, 5.0 if errors == "student_t" else 0.5, 5, n_rows=50), PARAMETER[errors]
+    data, name = simulated_rows(errors, 5.0 if errors == "student_t" else 0.5, 5, n_rows=50), PARAMETER[errors]
     options = {"draws": 20, "tune": 100, "chains": 2}
     tree = fit(data, errors, **options)
     posterior, prior = tree["posterior"].dataset, tree["prior"].dataset
@@ -272,5 +272,5 @@ def test_layout_draws_and_round_trip(errors, tmp_path):
 @pytest.mark.consistency
 def test_the_sampler_of_pymc_agrees():
     tree = ar1_case(sampler="pymc")
-    z, limit = z_scores(tree, exact_ar1(made("ar1", 0.8, 3), ConjugatePrior(**hyperparameters())), NAMES)
+    z, limit = z_scores(tree, exact_ar1(simulated_rows("ar1", 0.8, 3), ConjugatePrior(**hyperparameters())), NAMES)
     assert z.max() < limit

@@ -1,4 +1,4 @@
-"""Models of one's own: their draws in every function that takes a posterior, and in those of ArviZ that docs name."""
+"""Models of one's own: their draws in functions of posteriors and of ArviZ."""
 
 from functools import cache
 
@@ -129,8 +129,8 @@ def test_shipped_priors_are_centred(prior):
     """Draws of the prior are symmetric about zero, and vary."""
     with pymc_model(DATA, prior):
         drawn = pm.sample_prior_predictive(2000, random_seed=3)["prior"]["scaled_coefficients"].values[0]
-    share = (drawn > 0.0).mean(axis=0)
-    assert np.all(np.abs(share - 0.5) < 4.5 * np.sqrt(0.25 / 2000))
+    fraction_positive = (drawn > 0.0).mean(axis=0)
+    assert np.all(np.abs(fraction_positive - 0.5) < 4.5 * np.sqrt(0.25 / 2000))
     assert np.all(drawn.std(axis=0) > 0.0)
 
 

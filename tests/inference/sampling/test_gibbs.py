@@ -52,7 +52,7 @@ class TestTarget:
         z, comparisons = z_of(data, conjugate_prior(n_terms))
         assert z < z_limit(comparisons)
 
-    def test_the_marginal_shape_in_the_conjugate_full_conditional_is_told_apart(self):
+    def test_the_marginal_shape_in_the_conjugate_full_conditional_fails(self):
         """A + n/2 in place of A + (n + c)/2: a prior with c/2 less shape."""
         data, prior = simulated(20, 3, seed=14), conjugate_prior(3)
         z, comparisons = z_of(data, replace(prior, shape=prior.shape - 1.5), against=(data, prior))
@@ -79,12 +79,12 @@ class TestTarget:
         ],
         ids=["reciprocal scale", "terms counted as rows", "another kappa"],
     )
-    def test_another_prior_is_told_apart(self, change):
+    def test_another_prior_fails(self, change):
         data, prior = case()
         z, comparisons = z_of(data, replace(prior, **change), against=(data, prior))
         assert z > z_limit(comparisons)
 
-    def test_a_sum_of_squares_short_of_a_row_is_told_apart(self, monkeypatch):
+    def test_a_sum_of_squares_short_of_a_row_fails(self, monkeypatch):
         data, prior = case()
         rotate = module.rotate
         monkeypatch.setattr(module, "rotate", lambda data, prior: rotate(data.rows(np.arange(1, 20)), prior))
@@ -106,7 +106,7 @@ class TestTarget:
 
 
 class TestChains:
-    def test_chains_forget_their_starts_and_mix(self):
+    def test_chains_mix_and_do_not_depend_on_their_starts(self):
         known = oracle("ds2")
         prior = SemiConjugatePrior(kappa=100.0, shape=2.0, scale=1.0)
         tree = gibbs_posterior(known.data, prior, draws=1000, chains=4, rng=np.random.default_rng(3))
@@ -133,7 +133,7 @@ class TestChains:
         assert starts["at"][0] < exact.noise_variance_quantiles([1e-3])[0]
         assert starts["at"][-1] > exact.noise_variance_quantiles([1.0 - 1e-3])[0]
 
-    def test_the_warm_up_is_thrown_away(self):
+    def test_the_warm_up_is_discarded(self):
         data, prior = case()
         with_warm_up = gibbs(data, prior, draws=5, chains=1, tune=3, rng=np.random.default_rng(1))
         without = gibbs(data, prior, draws=8, chains=1, tune=0, rng=np.random.default_rng(1))

@@ -1,4 +1,4 @@
-"""Partial pooling: the collapsed sampler against the model that users change, its calibration, and sisters."""
+"""Partial pooling: the collapsed sampler against the full model, and the page of groups."""
 
 from dataclasses import replace
 from functools import cache
@@ -17,7 +17,7 @@ PRIOR, SPREAD, GROUPS = ps.SemiConjugatePrior(kappa=1.0, shape=4.0, scale=1.0), 
 
 
 def truth(rng, p=2):
-    """Coefficients of each group and noise variances from the prior, with the spreads and means they come from."""
+    """Coefficients of each group and noise variances from the prior, with their spreads and means."""
     tau = np.abs(SPREAD * rng.standard_normal(p))
     means = rng.standard_normal(p)
     variance = stats.invgamma(PRIOR.shape, scale=PRIOR.scale).rvs(GROUPS, random_state=rng)
@@ -38,7 +38,7 @@ def data_of(rng, coefficients, variance):
 
 
 @pytest.mark.consistency
-def test_the_collapsed_sampler_draws_from_the_model_that_users_change():
+def test_the_collapsed_sampler_draws_from_the_full_model():
     rng = np.random.default_rng(3)
     _, _, each, variance = truth(rng)
     data = data_of(rng, each, variance)
@@ -46,10 +46,10 @@ def test_the_collapsed_sampler_draws_from_the_model_that_users_change():
     settings = {"draws": 1000, "chains": 4, "tune": 1000, "target_accept": 0.95}
     plain = sample_model(hierarchical_model(data, PRIOR, spread=SPREAD), settings, 2, progress=False)
     names = ["coefficients", "group_coefficients", "group_sd", "group_noise_variance"]
-    one, other = (found["posterior"].dataset[names] for found in (tree, plain))
+    one, other = (tree_or_plain["posterior"].dataset[names] for tree_or_plain in (tree, plain))
     error = {name: np.hypot(az.mcse(one)[name], az.mcse(other)[name]) for name in names}
-    apart = {name: one[name].mean(("chain", "draw")) - other[name].mean(("chain", "draw")) for name in names}
-    z = np.concatenate([(np.abs(apart[name]) / error[name]).values.ravel() for name in names])
+    difference = {name: one[name].mean(("chain", "draw")) - other[name].mean(("chain", "draw")) for name in names}
+    z = np.concatenate([(np.abs(difference[name]) / error[name]).values.ravel() for name in names])
     assert z.max() < stats.norm.ppf(1.0 - 0.5e-3 / z.size)
     assert int(tree["sample_stats"]["diverging"].sum()) == 0
     shapes = {name: dict(tree["posterior"][name].sizes) for name in names}
@@ -61,12 +61,12 @@ def test_the_collapsed_sampler_draws_from_the_model_that_users_change():
 
 
 @pytest.mark.consistency
-def test_the_page_says_which_coefficients_differ(tmp_path):
+def test_the_page_names_the_coefficients_that_differ(tmp_path):
     """Groups 1 and 2 differ in the first coefficient alone."""
     rng = np.random.default_rng(4)
     each = np.array([[1.0, 0.5], [1.0, 0.5], [-1.0, 0.5]])
     tree = hierarchical_posterior(data_of(rng, each, np.full(3, 0.01)), PRIOR, spread=1.0, draws=500, rng=1)
-    text = ps.diagnostic_report({"sisters": tree}, tmp_path).read_text(encoding="utf-8")
+    text = ps.diagnostic_report({"ships": tree}, tmp_path).read_text(encoding="utf-8")
     assert "ship 1 - ship 2: x1 differs" in text
     assert "x2 differ" not in text
     assert "Drawn are the coefficient of largest R-hat and the most correlated pair." in text

@@ -33,7 +33,7 @@ def evaluated(data, tau, variance):
 
 
 def of_all_rows(data, tau, variance):
-    """Log density of the scaled response under the normal law that coefficients of groups and means leave it."""
+    """Log density of the scaled response with the coefficients of groups and means integrated out."""
     X, group = data.scaled_design_matrix, columns()[1]
     by_group = block_diag(*(X[group == g] for g in range(GROUPS)))
     between = np.kron(np.eye(GROUPS), np.diag(tau**2)) + np.kron(np.ones((GROUPS, GROUPS)), np.diag(PRIOR.kappas(P)))
@@ -42,7 +42,7 @@ def of_all_rows(data, tau, variance):
 
 
 @WORSE
-def test_it_is_that_of_the_normal_law_of_all_rows_but_for_a_constant(size):
+def test_it_is_that_of_all_rows_up_to_a_constant(size):
     data, tau, variance = drawn(size)
     constant = [
         evaluated(data, tau * k, variance * k)[0] - of_all_rows(data, tau * k, variance * k) for k in (1.0, 0.3)
@@ -70,7 +70,7 @@ def test_its_derivatives_are_those_of_differences(size):
     )
 
 
-def test_a_spread_beyond_all_numbers_has_no_density():
+def test_an_overflowing_spread_has_density_nan():
     data, tau, variance = drawn()
     assert np.isnan(evaluated(data, tau * 1e200, variance)[0])
 
@@ -79,6 +79,8 @@ def test_the_operation_is_the_density():
     data, tau, variance = drawn()
     t, v = pt.dvector(), pt.dvector()
     density = PooledDensity()(t, v, *rows_of(data))
-    found = pytensor.function([t, v], [3.0 * density, *pytensor.grad(3.0 * density, [t, v])], mode="FAST_COMPILE")
-    for one, other in zip(found(tau, variance), evaluated(data, tau, variance), strict=True):
+    compiled_function = pytensor.function(
+        [t, v], [3.0 * density, *pytensor.grad(3.0 * density, [t, v])], mode="FAST_COMPILE"
+    )
+    for one, other in zip(compiled_function(tau, variance), evaluated(data, tau, variance), strict=True):
         np.testing.assert_allclose(one, 3.0 * other)

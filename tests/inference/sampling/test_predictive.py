@@ -41,7 +41,7 @@ def test_posterior_predictive_has_the_exact_mean_and_variance(family, case):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_predictions_without_noise_or_under_another_prior_are_caught(family):
+def test_predictions_without_noise_or_under_another_prior_fail(family):
     data, prior, tree = tree_of(family)
     mean, sd = prior.exact(data).predict(data.design_matrix)
     fit = tree["posterior"]["coefficients"].values.reshape(4000, -1) @ data.design_matrix.T
@@ -143,6 +143,6 @@ def test_predictive_checks_of_arviz_run():
     matplotlib.pyplot.close("all")
 
 
-def test_a_prior_that_is_all_but_improper_gives_finite_draws():
+def test_a_nearly_improper_prior_gives_finite_draws():
     drawn = prior_draws(regression("tall"), ConjugatePrior(shape=1e-3, scale=1e-3), 500, rng=np.random.default_rng(1))
     assert all(np.isfinite(value).all() for value in drawn.values())

@@ -23,13 +23,13 @@ def test_predictions_of_new_rows_have_the_exact_mean_and_variance(family, case):
     data, prior, tree = tree_of(family, case)
     new = np.random.default_rng(3).normal(size=(6, 5))
     mean, sd = prior.exact(data).predict(new)
-    found = predict(tree, new, rng=2)
-    z_mean, z_variance = z_of_moments(found["response"].values.reshape(4000, -1), mean, sd)
+    predicted = predict(tree, new, rng=2)
+    z_mean, z_variance = z_of_moments(predicted["response"].values.reshape(4000, -1), mean, sd)
     assert max(z_mean.max(), z_variance.max()) < LIMIT
-    np.testing.assert_allclose(found["expected"].values, tree["posterior"]["coefficients"].values @ new.T)
-    np.testing.assert_allclose(found["sd"], found["response"].values.std((0, 1)))
-    assert np.abs(found["mean"] - mean).max() < LIMIT * sd.max() / np.sqrt(4000)
-    assert {name: value.dims for name, value in found.items()} == {
+    np.testing.assert_allclose(predicted["expected"].values, tree["posterior"]["coefficients"].values @ new.T)
+    np.testing.assert_allclose(predicted["sd"], predicted["response"].values.std((0, 1)))
+    assert np.abs(predicted["mean"] - mean).max() < LIMIT * sd.max() / np.sqrt(4000)
+    assert {name: value.dims for name, value in predicted.items()} == {
         "response": ("chain", "draw", "row"),
         "expected": ("chain", "draw", "row"),
         "mean": ("row",),
@@ -37,14 +37,14 @@ def test_predictions_of_new_rows_have_the_exact_mean_and_variance(family, case):
     }
 
 
-def test_predictions_without_noise_or_of_other_rows_are_caught():
+def test_predictions_without_noise_or_of_other_rows_fail():
     data, prior, tree = tree_of(ConjugatePrior)
     new = np.random.default_rng(3).normal(size=(6, 5))
     mean, sd = prior.exact(data).predict(new)
-    found = predict(tree, new, rng=2)
-    assert z_of_moments(found["expected"].values.reshape(4000, -1), mean, sd)[1].max() > LIMIT
-    found = predict(tree, new[::-1], rng=2)
-    assert z_of_moments(found["response"].values.reshape(4000, -1), mean, sd)[0].max() > LIMIT
+    predicted = predict(tree, new, rng=2)
+    assert z_of_moments(predicted["expected"].values.reshape(4000, -1), mean, sd)[1].max() > LIMIT
+    predicted = predict(tree, new[::-1], rng=2)
+    assert z_of_moments(predicted["response"].values.reshape(4000, -1), mean, sd)[0].max() > LIMIT
 
 
 def test_predictions_follow_from_the_seed():
@@ -60,8 +60,8 @@ def test_predictions_have_the_errors_of_the_posterior():
     heavy = xr.DataTree.from_dict({"/posterior": posterior.assign(degrees_of_freedom=nu)})
     heavy.attrs["errors"] = "student_t"
     kurtosis = [
-        stats.kurtosis((found["response"] - found["expected"]).values, axis=None)
-        for found in (predict(one, np.ones((1, 5)), rng=2) for one in (tree, heavy))
+        stats.kurtosis((predicted["response"] - predicted["expected"]).values, axis=None)
+        for predicted in (predict(one, np.ones((1, 5)), rng=2) for one in (tree, heavy))
     ]
     assert kurtosis[0] < 1.0 < 10.0 < kurtosis[1]
 
@@ -71,7 +71,7 @@ def test_a_formula_is_evaluated_for_a_tree():
     frame = pytest.importorskip("pandas").DataFrame(motion())
     data = RegressionData.from_formula("Y ~ v + v:r + I(delta**2)", frame)
     tree = exact_posterior(data, ConjugatePrior(), draws=40, rng=1)
-    found = predict(tree, frame[["delta", "v", "r"]].iloc[:3], data=data, rng=2)
-    assert found.identical(predict(tree, data.design_matrix[:3], rng=2))
+    predicted = predict(tree, frame[["delta", "v", "r"]].iloc[:3], data=data, rng=2)
+    assert predicted.identical(predict(tree, data.design_matrix[:3], rng=2))
     with refused(InferenceError, "Intercept", "v:r"):
         predict(tree, frame, rng=2)

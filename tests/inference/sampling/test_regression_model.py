@@ -27,13 +27,13 @@ def test_log_density_is_prior_times_likelihood_with_constants(case, family):
 
 
 @pytest.mark.parametrize("wrong", [{"scale": 1.0 / 9.0}, {"kappa": hyperparameters()["kappa"] ** 2}, {"shape": 9.0}])
-def test_log_density_of_a_wrong_prior_is_told_apart(wrong):
+def test_a_wrong_prior_has_another_log_density(wrong):
     data, prior = regression("tall"), ConjugatePrior(**hyperparameters())
     model = pymc_model(data, ConjugatePrior(**hyperparameters(**wrong)))
     assert log_density_error(model, data, prior, np.random.default_rng(1)) > 1e-3
 
 
-def test_the_model_names_its_dims():
+def test_the_model_has_named_dims():
     data = regression("zscored")
     model = pymc_model(data, ConjugatePrior())
     assert model.coords["coefficient"] == data.coefficients
@@ -93,7 +93,7 @@ def test_nuts_agrees_with_the_closed_form(case):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", [{"scale": 1.0 / 9.0}, {"shape": 12.0}, {"kappa": hyperparameters()["kappa"] ** 2}])
-def test_nuts_under_another_prior_is_caught(wrong):
+def test_nuts_under_another_prior_fails(wrong):
     mean, sd = conjugate_moments(regression("tall"), ConjugatePrior(**hyperparameters(**wrong)))
     z, limit = z_scores(nuts("tall", ConjugatePrior), mean, sd)
     assert z.max() > limit
@@ -147,8 +147,12 @@ def test_layout_is_that_of_every_posterior():
     assert set(tree.children) == set(exact.children) | checks | {"sample_stats"}
     for name, group in exact.children.items():
         for variable, value in group.dataset.variables.items():
-            found = tree[name].dataset.variables[variable]
-            assert (found.dims, found.shape, found.dtype) == (value.dims, value.shape, value.dtype)
+            variable_of_tree = tree[name].dataset.variables[variable]
+            assert (variable_of_tree.dims, variable_of_tree.shape, variable_of_tree.dtype) == (
+                value.dims,
+                value.shape,
+                value.dtype,
+            )
     assert set(tree.attrs) == set(exact.attrs)
     assert tree.attrs["method"] == "nuts"
     assert {value.dims for value in tree["sample_stats"].data_vars.values()} == {("chain", "draw")}
@@ -170,7 +174,7 @@ def test_sampling_is_silent(capfd, caplog):
     assert not caplog.records
 
 
-def test_import_leaves_pymc_alone():
+def test_import_does_not_load_pymc():
     code = "import sys, pymc_ship.inference.sampling.regression_model, pymc_ship.diagnostics.page\n"
     code += "print({'pymc', 'nutpie', 'arviz'} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "set()"

@@ -46,7 +46,7 @@ def trial(seed, angle=20.0):
 
 
 def close_prior(trials, vessel, **changes):
-    """A sister ship known to 5 %, taken as stated: the posterior is all but normal."""
+    """A prior of 5 % about a sister ship, not tuned: the posterior is nearly normal."""
     prior = coefficient_prior(trials, vessel, "sister_ship", relative_sd=0.05)
     return replace(prior, tuned=np.zeros(prior.mean.size, dtype=bool), **changes)
 
@@ -117,7 +117,7 @@ def test_a_ship_that_leaves_the_model_has_no_density_and_a_finite_gradient():
     assert np.isfinite(gradient).all()
 
 
-def test_the_model_names_its_dims():
+def test_the_model_has_named_dims():
     model = mode_model(mode("correlated"))
     assert model.coords["state"] == ("u", "v", "r", "p", "phi")
     assert model.named_vars_to_dims["direction_coordinate"] == ("direction",)
@@ -128,24 +128,24 @@ def test_the_model_names_its_dims():
     assert np.allclose(model.rvs_to_values[model["response"]].data[:, 1], trial(1)["v"].values)
 
 
-def test_every_run_has_a_response_and_what_it_lacks_is_nan():
+def test_every_run_has_a_response_and_missing_states_are_nan():
     model = mode_model(mode("two_runs"))
     assert model.named_vars_to_dims["response_1"] == ("row_1", "channel_1")
     assert model.coords["channel_1"] == ("u", "r", "p", "psi")
     point = {"direction_coordinate": points(mode("two_runs").choice.fit)[0]}
     names = ["coefficients", "initial_state", "sensor_offset"]
     outputs = model.replace_rvs_by_values([model[name] for name in names])
-    found = model.compile_fn(outputs, inputs=model.value_vars, mode="FAST_COMPILE")(point)
+    deterministics = model.compile_fn(outputs, inputs=model.value_vars, mode="FAST_COMPILE")(point)
     fit = mode("two_runs").choice.fit
     unknowns = fit.unknowns + fit.square_root @ point["direction_coordinate"]
-    first, second = (unknowns[place] for place in fit.problem.nuisances)
-    assert np.allclose(found[0], unknowns[: fit.problem.n_coefficients], rtol=1e-12)
-    assert np.allclose(found[1], [[*first[:5], np.nan], second[:6]], rtol=1e-12, equal_nan=True)
+    first, second = (unknowns[nuisance_slice] for nuisance_slice in fit.problem.nuisances)
+    assert np.allclose(deterministics[0], unknowns[: fit.problem.n_coefficients], rtol=1e-12)
+    assert np.allclose(deterministics[1], [[*first[:5], np.nan], second[:6]], rtol=1e-12, equal_nan=True)
     offsets = [[*first[5:], np.nan], [second[6], np.nan, second[7], second[8], np.nan, second[9]]]
-    assert np.allclose(found[2], offsets, rtol=1e-12, equal_nan=True)
+    assert np.allclose(deterministics[2], offsets, rtol=1e-12, equal_nan=True)
 
 
-def test_the_verdict_sends_to_nuts_where_the_normal_approximation_fails():
+def test_the_verdict_recommends_nuts_where_the_normal_approximation_fails():
     assert verdict(KHAT_LIMIT) == "the normal approximation can be trusted"
     for khat in (KHAT_LIMIT + 0.01, np.inf, np.nan):
         assert verdict(khat).endswith("not to be trusted: sample with trajectory_nuts_posterior")
@@ -184,7 +184,7 @@ def test_nuts_agrees_with_a_posterior_that_is_normal():
 
 
 @pytest.mark.slow
-def test_nuts_under_half_the_noise_is_caught():
+def test_nuts_under_half_the_noise_fails():
     fit = halved(mode().choice.fit)
     twin = fit_trajectory(fit.problem, fit.unknowns)
     z, limit = z_scores(nuts(), twin)
@@ -198,8 +198,12 @@ def test_layout_is_that_of_the_normal_approximation(tmp_path, container):
     assert set(tree.children) == set(laplace.children) | {"sample_stats"}
     for name, group in laplace.children.items():
         for variable, value in group.dataset.variables.items():
-            found = tree[name].dataset.variables[variable]
-            assert (found.dims, found.shape, found.dtype) == (value.dims, value.shape, value.dtype)
+            variable_of_tree = tree[name].dataset.variables[variable]
+            assert (variable_of_tree.dims, variable_of_tree.shape, variable_of_tree.dtype) == (
+                value.dims,
+                value.shape,
+                value.dtype,
+            )
     assert set(tree.attrs) == set(laplace.attrs) - {"pareto_khat"}
     assert tree.attrs["method"] == "trajectory_nuts"
     assert tree.attrs["share_diverged"] == 0.0
@@ -221,7 +225,7 @@ def test_draws_depend_on_the_seed_alone():
 
 @pytest.mark.slow
 @pytest.mark.consistency
-def test_a_user_of_pymc_samples_the_model_as_any_other():
+def test_pymc_samples_the_model():
     """Compiled by numba, without a warning."""
     with mode_model(mode("correlated")):
         tree = pm.sample(draws=5, tune=5, chains=1, random_seed=1, progressbar=False, quiet=True)

@@ -23,7 +23,7 @@ def test_log_density_is_prior_times_likelihood_with_constants(case, family):
 
 
 @pytest.mark.parametrize("wrong", [{"scale": 1.0 / 9.0}, {"kappa": hyperparameters()["kappa"] ** 2}, {"shape": 9.0}])
-def test_log_density_of_a_wrong_prior_is_told_apart(wrong):
+def test_a_wrong_prior_has_another_log_density(wrong):
     data, prior = regression("tall"), ConjugatePrior(**hyperparameters())
     model = whitened_model(data, ConjugatePrior(**hyperparameters(**wrong)))
     assert log_density_error(model, data, prior, np.random.default_rng(1)) > 1e-3

@@ -1,4 +1,4 @@
-"""Constants that every trial has its own of: currents, found beside the coefficients that all trials share."""
+"""Constants that every trial has its own of: currents, estimated with the coefficients that all trials share."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ def fitted(drifting):
     return windows, fit_windows([w for run in windows for w in run], drifting, prior, start)
 
 
-def test_a_current_of_each_trial_is_found(drifting, fitted):
+def test_the_current_of_each_trial_is_estimated(drifting, fitted):
     windows, fit = fitted
     U = drifting.particulars.nominal_speed
     for run, (speed, direction) in zip(windows, CURRENTS, strict=True):
-        found = U * with_constants(run, fit)[-2:]
+        fitted_current = U * with_constants(run, fit)[-2:]
         truth = speed * np.array([np.cos(np.deg2rad(direction)), np.sin(np.deg2rad(direction))])
-        np.testing.assert_allclose(found, truth, atol=0.1)
+        np.testing.assert_allclose(fitted_current, truth, atol=0.1)
 
 
 def test_coefficients_are_those_of_calm_water(drifting, fitted):
@@ -69,7 +69,7 @@ def test_coefficients_are_those_of_calm_water(drifting, fitted):
 
 
 def test_forecasts_are_in_calm_water(drifting, fitted):
-    """What belongs to a trial is neither in the coefficients nor in their covariance."""
+    """Constants of a trial are neither in the coefficients nor in their covariance."""
     _, fit = fitted
     np.testing.assert_array_equal(fit.coefficients[-2:], 0.0)
     np.testing.assert_allclose(fit.from_prior[-2:], 0.0)
@@ -108,14 +108,14 @@ def test_the_heading_of_a_ship_in_wind_is_the_measured_one():
         fits.append(fit_windows(windows, vessel, prior, reference_coefficients(vessel)))
     one, other = (fit.coefficients for fit in fits)
     np.testing.assert_allclose(other, one, rtol=1e-4, atol=1e-9)
-    places = [coefficient_names(vessel).index(name) for name in free]
-    np.testing.assert_allclose(one[places], reference_coefficients(vessel)[places], rtol=0.02)
+    indices = [coefficient_names(vessel).index(name) for name in free]
+    np.testing.assert_allclose(one[indices], reference_coefficients(vessel)[indices], rtol=0.02)
 
 
-def test_the_likelihood_of_draws_knows_the_current_of_each_trial(fitted):
+def test_the_likelihood_of_draws_uses_the_current_of_each_trial(fitted):
     mode = fitted[1].mode
     calm = mode.unknowns.copy()
     calm[mode.problem.n_coefficients : mode.problem.n_shared] = 0.0
-    found, still = log_likelihood_rows(mode, np.array([mode.unknowns, calm])).sum(axis=1)
-    assert found == pytest.approx(mode.log_likelihood, rel=1e-9)
-    assert still < found - 100.0
+    moving, still = log_likelihood_rows(mode, np.array([mode.unknowns, calm])).sum(axis=1)
+    assert moving == pytest.approx(mode.log_likelihood, rel=1e-9)
+    assert still < moving - 100.0

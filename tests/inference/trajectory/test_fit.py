@@ -47,7 +47,7 @@ def from_truth(problem, ship, zigzag):
 
 @pytest.fixture(scope="module")
 def nearby(two_runs, ship, zigzag, circle):
-    """Unknowns a little beside the truth, offsets last."""
+    """Unknowns near the truth, offsets last."""
     at = np.concatenate([truth(ship, [zigzag, circle]), np.zeros(3)])
     return at + 0.01 * two_runs.unit * np.random.default_rng(5).standard_normal(at.size)
 
@@ -60,17 +60,17 @@ def weak_start(problem, trials):
 def fitted_values(problem, unknowns):
     """Block means of all channels of all runs, offsets included, from the simulator alone."""
     values, n = [], problem.n_coefficients
-    for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
+    for run, noise, nuisance_slice in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
         motion = replay(
             problem.vessel,
             run.inputs,
-            unknowns[place][: run.n_states],
+            unknowns[nuisance_slice][: run.n_states],
             unknowns[:n],
             interval=run.interval,
             substeps=run.substeps,
             block=run.block,
         )[list(run.rows), 0]
-        values.append((motion + (unknowns[place][run.n_states :, None] if noise.offsets else 0.0)).ravel())
+        values.append((motion + (unknowns[nuisance_slice][run.n_states :, None] if noise.offsets else 0.0)).ravel())
     return np.concatenate(values)
 
 
@@ -100,12 +100,12 @@ def log_normal(values, mean, covariance):
 
 def differences(problem, unknowns, columns):
     """Central differences of the fitted values in the problem's units."""
-    found = []
+    slopes = []
     for column in columns:
         move = np.zeros(unknowns.size)
         move[column] = 1e-4 * problem.unit[column]
-        found.append((fitted_values(problem, unknowns + move) - fitted_values(problem, unknowns - move)) / 2e-4)
-    return np.column_stack(found)
+        slopes.append((fitted_values(problem, unknowns + move) - fitted_values(problem, unknowns - move)) / 2e-4)
+    return np.column_stack(slopes)
 
 
 def log_evidence_of_tau(fit, tau):
@@ -139,16 +139,16 @@ class TestLinearisation:
         point, misfit = linearise(two_runs, nearby), measured(two_runs) - fitted_values(two_runs, nearby)
         expected = J.T @ W @ J
         size = np.sqrt(np.diag(expected))  # the differences err by the kinks of |v| and |r|
-        found = point.matrix[np.ix_(columns, columns)]
-        np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=2e-4)
+        information = point.matrix[np.ix_(columns, columns)]
+        np.testing.assert_allclose(information / np.outer(size, size), expected / np.outer(size, size), atol=2e-4)
         np.testing.assert_allclose(point.gradient[columns] / size, -(J.T @ W @ misfit) / size, atol=2e-3)
 
     def test_the_information_of_two_runs_adds(self, two_runs, nearby):
         n, whole = two_runs.n_coefficients, linearise(two_runs, nearby)
         parts = []
-        for run, noise, place in zip(two_runs.runs, two_runs.noise, two_runs.nuisances, strict=True):
+        for run, noise, nuisance_slice in zip(two_runs.runs, two_runs.noise, two_runs.nuisances, strict=True):
             part = replace(two_runs, runs=(run,), noise=(noise,))
-            parts.append(linearise(part, np.concatenate([nearby[:n], nearby[place]])))
+            parts.append(linearise(part, np.concatenate([nearby[:n], nearby[nuisance_slice]])))
         np.testing.assert_allclose(whole.matrix[:n, :n], sum(part.matrix[:n, :n] for part in parts), rtol=1e-12)
         assert whole.log_likelihood == pytest.approx(sum(part.log_likelihood for part in parts), rel=1e-13)
         first, second = two_runs.nuisances
@@ -165,7 +165,7 @@ class TestLinearisation:
 
 
 class TestMode:
-    def test_a_clean_record_gives_back_the_truth(self, ship, zigzag):
+    def test_a_clean_record_gives_the_true_coefficients(self, ship, zigzag):
         given = {name: 1e-4 * SD[name] for name in ("u", "v", "r")}
         problem, expected = problem_of(ship, [zigzag], "flat", noise_sd=given), truth(ship, [zigzag])
         damped = ps.coefficient_prior([zigzag], ship)
@@ -183,7 +183,7 @@ class TestMode:
         assert np.max(np.abs(fit.unknowns - from_truth.unknowns)[:53] / from_truth.sd) < 0.01
         assert fit.log_evidence == pytest.approx(from_truth.log_evidence, abs=0.01)
 
-    def test_no_step_goes_up_from_it(self, from_truth):
+    def test_the_posterior_falls_in_every_direction_from_the_mode(self, from_truth):
         problem, best = from_truth.problem, from_truth.unknowns
 
         def cost(unknowns):
@@ -208,7 +208,7 @@ class TestMode:
         )
         assert np.linalg.eigvalsh(gained).min() > -1e-6 * np.linalg.eigvalsh(gained).max()
 
-    def test_a_turn_at_the_first_sample_is_no_trouble(self, ship, zigzag):
+    def test_a_record_may_begin_in_a_turn(self, ship, zigzag):
         late = rough(zigzag, 3).isel(time=slice(300, None))
         problem = problem_of(ship, [late])
         fit = fit_trajectory(problem, weak_start(problem, late))
@@ -254,7 +254,7 @@ class TestApproximation:
         assert fit.log_evidence == pytest.approx(expected, abs=0.01)
 
     def test_few_free_coefficients_have_the_variance_of_their_own_normal_equations(self, ship, zigzag):
-        """All others are held by a table: the sd of three is that of a problem of three and the initial state."""
+        """A table fixes all others: the sd of three is that of a problem of three and the initial state."""
         free, names, reference = ("Yv", "Nr", "Xuu"), coefficient_names(ship), reference_coefficients(ship)
         typical = coefficient_scales([zigzag], ship)
         table = {
@@ -286,7 +286,7 @@ class TestScales:
             assert curvature > 0.0
             assert abs(high - low) / (2.0 * np.log(1.2)) / curvature < 0.05
 
-    def test_another_size_of_the_prior_scales_is_made_up_for(self, problem, ship, zigzag, from_truth):
+    def test_tau_corrects_another_size_of_the_prior_scales(self, problem, ship, zigzag, from_truth):
         prior = problem.prior
         wide = replace(prior, scale=3.0 * prior.scale, unit=3.0 * prior.unit)
         fit = fit_trajectory(replace(problem, prior=wide), truth(ship, [zigzag]))
@@ -299,12 +299,12 @@ class TestScales:
         assert (fit.problem.tau == 1.0).all()
         assert fit.log_evidence < from_truth.log_evidence
 
-    def test_only_the_tuned_entries_feel_tau(self, problem):
+    def test_only_the_tuned_scales_are_multiplied_by_tau(self, problem):
         tuned = np.arange(53) % 2 == 0
         mixed = replace(problem, prior=replace(problem.prior, tuned=tuned), tau=np.full(3, 2.0))
         np.testing.assert_allclose(mixed.precision[:53], np.where(tuned, 0.25, 1.0))
 
-    def test_a_prior_that_knows_all_leaves_the_record_nothing_to_say(self, problem, ship, zigzag):
+    def test_under_a_very_narrow_prior_the_fit_stays_at_its_mean(self, problem, ship, zigzag):
         reference, scale = reference_coefficients(ship), 1e-9 * problem.prior.unit
         prior = CoefficientPrior(reference, scale, scale, np.zeros(53, dtype=bool), "known")
         fit = fit_trajectory(replace(problem, prior=prior), truth(ship, [zigzag]))

@@ -1,4 +1,4 @@
-"""Which noise is found in the residuals, what is fitted for it, and what it costs to ignore it."""
+"""Noise models chosen by residuals, fits under them, and intervals where the noise is ignored."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def briefly_correlated(rng, n):
 
 
 def far_off(rng, n):
-    """White noise about an offset; heading and rate of turn together tell it."""
+    """White noise about an offset; heading and rate of turn together identify it."""
     return rng.standard_normal(n) + 4.0 * rng.choice([-1.0, 1.0])
 
 
@@ -66,7 +66,7 @@ def share_covered(fit, ship):
 
 class TestChoice:
     @pytest.mark.parametrize("name", ["white", "heading"])
-    def test_white_noise_is_left_alone(self, choices, name):
+    def test_white_noise_stays_white(self, choices, name):
         choice = choices[name]
         tests = choice.tests
         assert (choice.kind, choice.offsets, choice.degrees_of_freedom) == ("white", False, np.inf)
@@ -85,7 +85,7 @@ class TestChoice:
         for residuals in choice.fit.residuals[0]:
             assert abs(np.corrcoef(residuals[1:], residuals[:-1])[0, 1]) < 4.0 / np.sqrt(residuals.size) + 0.05
 
-    def test_heavy_tails_bring_students_t(self, choices, ship):
+    def test_heavy_tails_lead_to_students_t(self, choices, ship):
         choice = choices["student_t"]
         assert choice.kind == "student_t"
         assert choice.degrees_of_freedom in (2.5, 3.0, 4.0)
@@ -94,7 +94,7 @@ class TestChoice:
         scale /= np.sqrt(choice.degrees_of_freedom + 3.0)
         np.testing.assert_allclose(scale, np.array([SD["u"], SD["v"], SD["r"]]) / np.sqrt(3.0), rtol=0.2)
 
-    def test_offsets_are_found_with_their_values(self, choices, zigzag, choose):
+    def test_offsets_are_estimated(self, choices, zigzag, choose):
         choice = choices["offsets"]
         assert (choice.kind, choice.offsets) == ("white", True)
         assert choice.tests.offset < ALPHA
@@ -105,7 +105,7 @@ class TestChoice:
         assert np.max(np.abs(fit.unknowns[-4:] - drawn) / sd) < 4.0
         assert abs(fit.unknowns[-2]) / sd[-2] > 5.0
 
-    def test_a_size_other_than_given_is_corrected(self, ship, zigzag):
+    def test_a_noise_sd_other_than_given_is_corrected(self, ship, zigzag):
         trial = rough(zigzag, 0)
         problem = problem_of(ship, [trial], noise_sd={name: 2.0 * SD[name] for name in ("u", "v", "r")})
         start = truth(ship, [zigzag])[:53]
@@ -115,7 +115,7 @@ class TestChoice:
         assert "a size that differs from the sd assumed" in choice.sentence
         np.testing.assert_allclose(choice.fit.problem.noise[0].sd / problem.noise[0].sd, 0.5, rtol=0.1)
 
-    def test_what_is_asked_for_is_done(self, choose, choices):
+    def test_a_given_noise_model_is_used(self, choose, choices):
         choice = choose(white, noise="ar1", offsets=True)
         assert (choice.kind, choice.offsets) == ("ar1", True)
         assert np.abs(choice.fit.problem.noise[0].correlation).max() < 0.15
@@ -147,7 +147,7 @@ class TestTests:
         fit = fit_trajectory(problem, truth(ship, [zigzag]))
         clean = fit.problem.runs[0].samples - sample_residuals(fit.problem, fit.unknowns)[0]
         monkeypatch.setattr(trajectory_noise, "offset_test", lambda fit: 1.0)
-        rng, found = np.random.default_rng(8), []
+        rng, p_values = np.random.default_rng(8), []
         run = fit.problem.runs[0]
         for _ in range(100):
             errors = run.sample_sd[:, None] * rng.standard_normal(clean.shape)
@@ -155,8 +155,8 @@ class TestTests:
             white_residuals = run.block_means(errors) / fit.problem.noise[0].sd[:, None]
             drawn = replace(fit, problem=replace(fit.problem, runs=(other,)), residuals=(white_residuals,))
             tests = residual_tests(drawn)
-            found.append((tests.serial, tests.tails, tests.size))
-        rejected = np.sum(np.array(found) < 0.05, axis=0)
+            p_values.append((tests.serial, tests.tails, tests.size))
+        rejected = np.sum(np.array(p_values) < 0.05, axis=0)
         assert (rejected <= stats.binom.isf(1e-4, 100, 0.05)).all()
         assert rejected[0] + rejected[1] >= 2
 
@@ -169,7 +169,7 @@ class TestTests:
 
     @staticmethod
     def fit_of(run, errors, monkeypatch, factor=1.0):
-        """What a fit leaves of a run: errors of its samples, whitened by ``factor`` times the sd assumed."""
+        """Residuals of a run: errors of its samples, whitened by ``factor`` times the sd assumed."""
         monkeypatch.setattr(trajectory_noise, "offset_test", lambda fit: 1.0)
         monkeypatch.setattr(trajectory_noise, "sample_residuals", lambda problem, unknowns: [errors])
         noise = white_noise(run)
@@ -193,8 +193,8 @@ class TestTests:
         assert 1e-3 < sizes[0] < 0.999
         np.testing.assert_allclose(sizes, sizes[0], rtol=1e-9)
 
-    def test_the_sd_stated_for_blocks_of_students_t_is_that_of_their_pseudo_data(self, one_channel, monkeypatch):
-        """The mean of scores over the Fisher information has the variance 1 / (n I) about a motion that is known."""
+    def test_the_sd_of_blocks_of_students_t_is_that_of_their_pseudo_data(self, one_channel, monkeypatch):
+        """The mean of scores over the Fisher information has the variance 1 / (n I) about a motion that is given."""
         errors = stats.t.rvs(3.0, size=(1, 200_000), random_state=np.random.default_rng(11))
         motion = np.linspace(0.0, 5.0, errors.size)[None]
         run = replace(one_channel, samples=motion + errors, inputs=np.zeros((4, errors.size)))
@@ -209,8 +209,8 @@ class TestTests:
         lags = min(LAGS, n // 4)
         rows = np.random.default_rng(3).standard_normal((4000, n))
         p = [serial_test(SimpleNamespace(residuals=(row[None],))) for row in rows]
-        found = stats.chi2.isf(p, lags)
-        assert found.mean() == pytest.approx(lags, abs=4.0 * found.std() / np.sqrt(found.size))
+        statistics = stats.chi2.isf(p, lags)
+        assert statistics.mean() == pytest.approx(lags, abs=4.0 * statistics.std() / np.sqrt(statistics.size))
 
     def test_samples_are_fitted_motion_and_residuals(self, choices):
         fit = choices["offsets"].fit
@@ -220,22 +220,24 @@ class TestTests:
 
     @pytest.mark.parametrize("name", ["heading", "offsets", "ar1"])
     def test_the_offset_test_is_that_of_generalised_least_squares(self, choices, name):
-        """Constants regressed on what the linearised model leaves, with all covariances written out."""
+        """Constants regressed on the residuals of the linearised model, with all covariances written out."""
         fit = choices[name].fit
         problem, n = fit.problem, fit.problem.n_coefficients
         fit = fit_trajectory(replace(problem, noise=(replace(problem.noise[0], offsets=False),)), fit.unknowns[: n + 6])
         problem, run, noise = fit.problem, fit.problem.runs[0], fit.problem.noise[0]
         rows = run_rows(problem.vessel, run, noise, fit.coefficients, fit.unknowns[n:])
         J = np.vstack([design for _, design in rows]) * problem.unit
-        left = np.concatenate([misfit for misfit, _ in rows]) + J @ ((fit.unknowns - problem.center) / problem.unit)
+        linear_residuals = np.concatenate([misfit for misfit, _ in rows]) + J @ (
+            (fit.unknowns - problem.center) / problem.unit
+        )
         ones = np.ones(run.n_blocks)
         X = block_diag(*(whiten(ones, *law)[:, None] for law in zip(noise.sd, noise.correlation, strict=True)))
         C = np.eye(len(J)) + J / problem.precision @ J.T
-        score, information = X.T @ np.linalg.solve(C, left), X.T @ np.linalg.solve(C, X)
+        score, information = X.T @ np.linalg.solve(C, linear_residuals), X.T @ np.linalg.solve(C, X)
         statistic = score @ np.linalg.solve(information, score)
         assert offset_test(fit) == pytest.approx(stats.chi2.sf(statistic, X.shape[1]), rel=0.02, abs=1e-12)
 
-    def test_the_offset_test_of_unknowns_that_no_ship_can_sail_is_an_error(self, choices):
+    def test_the_offset_test_of_diverging_unknowns_is_an_error(self, choices):
         fit = choices["heading"].fit
         with pytest.raises(FitError):
             offset_test(replace(fit, unknowns=1e3 * fit.unknowns))
@@ -244,7 +246,7 @@ class TestTests:
 @pytest.mark.slow
 @pytest.mark.consistency
 class TestCoverage:
-    """Shares of 53 coefficients within their 90 % intervals over 30 seeds, with the scatter between seeds."""
+    """Fractions of 53 coefficients within their 90 % intervals over 30 seeds, with the scatter between seeds."""
 
     def ensemble(self, ship, zigzag, law, **settings):
         shares = []

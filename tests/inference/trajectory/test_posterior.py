@@ -1,4 +1,4 @@
-"""Posteriors from whole trajectories: densities that add up, evidence by importance, one tree that everything reads."""
+"""Posteriors from whole trajectories: densities, evidence by importance sampling, and the tree."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ class TestDensities:
         """Draws of the prior have the mean log density of a normal: minus its entropy."""
         problem, rng = shifted_fit.problem, np.random.default_rng(2)
         sd = problem.unit / np.sqrt(problem.precision)
-        found = log_prior_density(shifted_fit, problem.center + sd * rng.standard_normal((4000, sd.size)))
+        log_prior = log_prior_density(shifted_fit, problem.center + sd * rng.standard_normal((4000, sd.size)))
         expected = -np.sum(0.5 * np.log(2.0 * np.pi * np.e) + np.log(sd))
-        assert abs(found.mean() - expected) < 4.0 * found.std() / np.sqrt(4000)
-        assert found.std() == pytest.approx(np.sqrt(0.5 * sd.size), rel=0.1)
+        assert abs(log_prior.mean() - expected) < 4.0 * log_prior.std() / np.sqrt(4000)
+        assert log_prior.std() == pytest.approx(np.sqrt(0.5 * sd.size), rel=0.1)
 
     def test_the_log_evidence_is_that_of_importance_sampling(self, ship, zigzag):
-        """Three free coefficients, all others held by a table: weights are even and their mean is the evidence."""
+        """Three free coefficients, all others fixed by a table: weights are even and their mean is the evidence."""
         free, names, reference = ("Yv", "Nr", "Xuu"), coefficient_names(ship), reference_coefficients(ship)
         typical = coefficient_scales([zigzag], ship)
         table = {
@@ -96,7 +96,7 @@ class TestKhat:
         log_weight = -shape * np.log(np.random.default_rng(4).uniform(size=20_000))
         assert pareto_khat(log_weight) == pytest.approx(shape, abs=0.15)
 
-    def test_a_narrow_proposal_shows(self):
+    def test_a_narrow_proposal_has_a_large_k_hat(self):
         """Weights of a normal target under a normal of half its sd have no variance: k-hat about 3/4 and more."""
         z = np.random.default_rng(5).standard_normal((4000, 5))
         assert pareto_khat(-0.375 * -np.sum(z**2, axis=1)) > 0.7
@@ -104,7 +104,7 @@ class TestKhat:
 
 
 class TestMode:
-    def test_both_starts_end_there_though_they_are_apart(self, ship, trials, monkeypatch):
+    def test_two_distant_starts_reach_the_same_mode(self, ship, trials, monkeypatch):
         module, starts = sys.modules["pymc_ship.inference.trajectory.mode"], []
         plain = module.weak_form_start
         monkeypatch.setattr(
@@ -135,7 +135,7 @@ class TestTree:
         assert tree["constant_data"]["symbol"].values.tolist() == list(SYMBOLS)
         assert "sensor_offset" not in posterior
 
-    def test_what_was_measured_and_fitted_stands_by_run_and_time(self, tree, trials):
+    def test_records_and_fit_are_stored_by_run_and_time(self, tree, trials):
         constant, observed = tree["constant_data"], tree["observed_data"]["response"]
         run = constant["run"].values
         assert np.bincount(run).tolist() == [600, 300]
@@ -153,7 +153,7 @@ class TestTree:
         assert np.abs(z).max() < 4.5
         np.testing.assert_allclose(draws.std(axis=1) / fit.sd, 1.0, atol=4.5 / np.sqrt(800))
 
-    def test_attrs_tell_what_was_done(self, tree, ship):
+    def test_attrs_describe_the_fit(self, tree, ship):
         attrs = tree.attrs
         assert attrs["method"] == "trajectory"
         assert attrs["noise_model"] == "white"
@@ -169,11 +169,11 @@ class TestTree:
         other = trajectory_posterior(trials, ship, draws=400, rng=np.random.default_rng(2))
         assert not other["posterior"].identical(tree["posterior"])
 
-    def test_offsets_of_the_sensors_are_there_by_run_and_channel(self, ship, trials):
-        found = trajectory_posterior(trials[1], ship, draws=40, offsets=True, rng=np.random.default_rng(1))
-        offset = found["posterior"]["sensor_offset"]
+    def test_offsets_of_the_sensors_are_stored_by_run_and_channel(self, ship, trials):
+        log_prior = trajectory_posterior(trials[1], ship, draws=40, offsets=True, rng=np.random.default_rng(1))
+        offset = log_prior["posterior"]["sensor_offset"]
         assert offset.sizes == {"chain": 4, "draw": 10, "run": 1, "channel": 3}
-        assert found.attrs["noise_model"] == "white + offsets"
+        assert log_prior.attrs["noise_model"] == "white + offsets"
         assert np.abs(offset.mean(("chain", "draw")) / offset.std(("chain", "draw"))).max() < 5.0
 
     @pytest.mark.parametrize("ending", ["nc", "zarr"])
@@ -193,7 +193,7 @@ class TestTree:
         assert (table["r_hat"].astype(float) < 1.05).all()
         assert az.ess(tree["posterior"].dataset)["coefficients"].min() > 200
 
-    def test_leaving_one_out_counts_the_coefficients_that_the_records_tell(self, ship, zigzag):
+    def test_leaving_one_out_counts_the_coefficients_that_the_records_determine(self, ship, zigzag):
         """One run at a tenth of the noise: up to 53 coefficients and 3 initial states."""
         trial = rough(zigzag, 0, factor=0.1)
         one = trajectory_posterior(trial, ship, draws=400, rng=np.random.default_rng(1))

@@ -54,7 +54,7 @@ class TestKinds:
         assert (prior.mean == 0.0).all()
         assert prior.tuned.all()
 
-    def test_a_sister_ship_is_trusted_to_a_share_of_each_value_and_of_the_typical_size(self, container, trial, typical):
+    def test_a_sister_ship_has_an_sd_relative_to_each_value_and_of_the_typical_size(self, container, trial, typical):
         prior, reference = ps.coefficient_prior([trial], container, "sister_ship"), reference_coefficients(container)
         np.testing.assert_array_equal(prior.mean, reference)
         np.testing.assert_allclose(prior.scale**2, 0.09 * (reference**2 + 0.0025 * typical**2), rtol=1e-12)
@@ -70,7 +70,7 @@ class TestKinds:
         np.testing.assert_array_equal(prior.unit, typical)
 
     @pytest.mark.parametrize("kind", ["flat", "order_damped", "sister_ship"])
-    def test_entries_of_a_table_are_taken_as_stated(self, container, trial, kind):
+    def test_entries_of_a_table_replace_the_prior(self, container, trial, kind):
         names = coefficient_names(container)
         at, others = names.index("Nr"), np.arange(len(names)) != names.index("Nr")
         plain = ps.coefficient_prior([trial], container, kind)
@@ -79,7 +79,7 @@ class TestKinds:
         for name in ("mean", "scale", "unit", "tuned"):
             np.testing.assert_array_equal(getattr(prior, name)[others], getattr(plain, name)[others])
 
-    def test_a_table_leaves_the_vessel_as_it_was(self, container, trial):
+    def test_a_table_does_not_change_the_vessel(self, container, trial):
         before = reference_coefficients(container)
         ps.coefficient_prior([trial], container, "sister_ship", table={"Nr": (7.0, 1.0)})
         np.testing.assert_array_equal(reference_coefficients(container), before)
@@ -89,12 +89,12 @@ class TestNormalForStudent:
     @staticmethod
     def settled(measured, sd):
         """Posterior mean and sd of a coefficient with Student's t about 0, scale 1, that was measured, by turns."""
-        stated = CoefficientPrior(np.zeros(1), np.ones(1), np.ones(1), np.zeros(1, dtype=bool), "stated")
-        normal = stated
+        student_t = CoefficientPrior(np.zeros(1), np.ones(1), np.ones(1), np.zeros(1, dtype=bool), "stated")
+        normal = student_t
         for _ in range(60):
             precision = sd**-2.0 + normal.scale**-2.0
             mean, spread = measured / sd**2 / precision, precision**-0.5
-            normal = stated.as_normal_at(mean, spread)
+            normal = student_t.as_normal_at(mean, spread)
         return float(mean[0]), float(spread[0])
 
     @staticmethod
@@ -106,18 +106,18 @@ class TestNormalForStudent:
         return mean, np.sqrt(np.sum(weight * (at - mean) ** 2) / weight.sum())
 
     @pytest.mark.parametrize("measured", [0.0, 1.0, 2.0, 5.0, 20.0])
-    def test_a_posterior_is_that_of_students_t_where_the_data_tell_as_much(self, measured):
-        for sd, off, share in ((0.1, 0.001, 0.005), (0.3, 0.01, 0.03), (1.0, 0.1, 0.16)):
+    def test_a_posterior_is_that_of_students_t_with_as_much_data(self, measured):
+        for sd, off, tolerance in ((0.1, 0.001, 0.005), (0.3, 0.01, 0.03), (1.0, 0.1, 0.16)):
             (mean, spread), (true_mean, true_spread) = self.settled(measured, sd), self.exact(measured, sd)
             assert abs(mean - true_mean) < off * true_spread
-            assert abs(spread / true_spread - 1.0) < share
+            assert abs(spread / true_spread - 1.0) < tolerance
 
-    def test_the_normal_law_holds_on_where_student_lets_go(self):
+    def test_the_normal_prior_dominates_where_students_t_does_not(self):
         mean, spread = self.exact(20.0, 1.0)
         assert abs(20.0 / 2.0 - mean) > 9.0 * spread
         assert abs(self.settled(20.0, 1.0)[0] - mean) < 0.01 * spread
 
-    def test_what_no_data_tell_keeps_its_scale(self):
+    def test_a_coefficient_without_data_keeps_its_scale(self):
         mean, scale = np.array([0.1, -3.0]), np.array([0.02, 7.0])
-        stated = CoefficientPrior(mean, scale, scale, np.zeros(2, dtype=bool), "stated")
-        np.testing.assert_allclose(stated.as_normal_at(mean, scale).scale, scale, rtol=1e-15)
+        student_t = CoefficientPrior(mean, scale, scale, np.zeros(2, dtype=bool), "stated")
+        np.testing.assert_allclose(student_t.as_normal_at(mean, scale).scale, scale, rtol=1e-15)

@@ -1,4 +1,4 @@
-"""Draws that are carried to where they fit the windows: their misfit, their forecasts, and the law they come from."""
+"""Randomize-then-optimize draws: their misfit in the windows, their forecasts, and the normal law they start from."""
 
 from __future__ import annotations
 
@@ -56,34 +56,36 @@ def of(vessel, values):
     return replace(vessel, parameters=tuple(replace(parameter, value=value) for parameter, value in at))
 
 
-def left(windows, vessel, rows):
-    """Root mean square that each row leaves of r in the windows [rad/s], (n_rows,)."""
+def rms_residuals(windows, vessel, rows):
+    """Root mean square residual of r in the windows for each row [rad/s], (n_rows,)."""
     misfit = [np.concatenate([window_misfit(window, vessel, row)[2] for window in windows]) for row in rows]
     return np.sqrt(np.mean(np.square(misfit), axis=1))
 
 
 def misses(vessel, true, rows):
-    """How far the median of an index is off, and half the width of its central 68 %, by index."""
-    found = {}
+    """Error of the median of an index, and half the width of its central 68 %, by index."""
+    errors = {}
     for what, names in ((CIRCLE, ("advance", "tactical_diameter")), (ZIGZAG, ("second_overshoot_angle", "period"))):
         settings = {"duration": 1000.0, "step": 0.2, "record_interval": 0.8, "method": "rk4"}
         ships = ps.indices(ps.simulate(vessel, what, coefficients=np.vstack([true, rows]), **settings))
         for name in names:
             values = ships[name].values
             low, middle, high = np.quantile(values[1:], [0.16, 0.5, 0.84])
-            found[name] = abs(middle - values[0]), 0.5 * (high - low)
-    return found
+            errors[name] = abs(middle - values[0]), 0.5 * (high - low)
+    return errors
 
 
-def test_they_leave_of_the_windows_what_the_estimate_leaves(fit, drawn, windows, vessel, monkeypatch):
-    own = left(windows, vessel, fit.coefficients[None])[0]
-    assert np.quantile(left(windows, vessel, drawn), 0.9) < 1.1 * own
+def test_they_fit_the_windows_as_well_as_the_estimate(fit, drawn, windows, vessel, monkeypatch):
+    own = rms_residuals(windows, vessel, fit.coefficients[None])[0]
+    assert np.quantile(rms_residuals(windows, vessel, drawn), 0.9) < 1.1 * own
     monkeypatch.setattr(room, "_MAX_STEPS", 1)
-    assert np.median(left(windows, vessel, randomize_then_optimize(fit, N, np.random.default_rng(1)))) > 3.0 * own
+    assert (
+        np.median(rms_residuals(windows, vessel, randomize_then_optimize(fit, N, np.random.default_rng(1)))) > 3.0 * own
+    )
 
 
 def test_their_forecasts_do_not_err_to_one_side(fit, drawn, vessel, true):
-    """Those of the normal law miss by half their own spread and more, although the record has no noise."""
+    """Normal draws err by half their own spread and more, although the record has no noise."""
     straight = misses(vessel, true, normal_draws(fit, N, np.random.default_rng(1)))
     for name, (error, _) in misses(vessel, true, drawn).items():
         wrong, spread = straight[name]
@@ -101,7 +103,7 @@ def test_where_the_motion_is_linear_they_are_those_of_the_normal_law(fit):
 
 
 def test_they_differ_from_the_estimate_by_the_spread_of_its_law(fit, drawn):
-    """What the windows do not determine stays as open as before: no draw is pulled to the estimate."""
+    """Undetermined directions keep their variance: no draw is pulled to the estimate."""
     sd = np.sqrt(np.diag(fit.covariance))
     ratio = drawn.std(axis=0) / sd
     assert 0.7 < np.median(ratio) < 1.5
@@ -111,8 +113,8 @@ def test_they_are_finite_however_wide_the_law(fit, windows, vessel):
     wild = randomize_then_optimize(replace(fit, from_windows=1e6 * fit.from_windows), N, np.random.default_rng(3))
     assert np.isfinite(wild).all()
     straight = normal_draws(replace(fit, from_windows=1e6 * fit.from_windows), N, np.random.default_rng(3))
-    assert np.isnan(left(windows, vessel, straight)).any()
-    assert not np.isnan(left(windows, vessel, wild)).any()
+    assert np.isnan(rms_residuals(windows, vessel, straight)).any()
+    assert not np.isnan(rms_residuals(windows, vessel, wild)).any()
 
 
 def test_a_law_without_windows_has_normal_draws():
@@ -142,7 +144,7 @@ def by_eigenvectors(covariance):
 
 
 class TestDrawsDoNotDependOn:
-    """What says nothing of the law."""
+    """Changes that do not change the law."""
 
     @staticmethod
     def far(one, other, fit):

@@ -1,4 +1,4 @@
-"""Trials as a trajectory likelihood sees them: what is averaged, estimated and refused."""
+"""Trials as arrays of the trajectory likelihood: averages, estimates and errors."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class TestRun:
 
 
 class TestInitialState:
-    def test_it_is_found_from_the_first_seconds_also_in_a_turn(self, container, noisy):
+    def test_it_is_estimated_from_the_first_seconds_also_in_a_turn(self, container, noisy):
         """A line through 20 samples errs at its end by 0.4 sd; the sd is the range of the channel."""
         turning = noisy.isel(time=slice(250, None))
         run = trajectory_run(turning, container, channels=["u", "v", "r", "p", "phi", "psi", "x", "y"])
@@ -84,7 +84,7 @@ class TestInitialState:
         np.testing.assert_array_equal(sd[[0, 1, 3, 4]], [5.0, 0.5, 0.005, 0.05])
 
     def test_a_ship_without_roll_stays_upright(self, container, noisy):
-        """A heel that drifts off at an unknown rate would turn the ship over."""
+        """Without the fixed heel its unknown rate would capsize the ship."""
         guess, sd = trajectory_run(noisy, unmodelled_roll_text(container)).initial_state
         assert (guess[3:5] == 0.0).all()
         assert sd[3:5].max() < 1e-6
@@ -97,7 +97,7 @@ class TestErrors:
             trajectory_run(still, container)
         assert trajectory_run(still, container, noise_sd={"p": 1e-4}).sample_sd[3] == 1e-4
 
-    def test_records_that_lack_something(self, container, noisy):
+    def test_incomplete_records_are_errors(self, container, noisy):
         with refused(ps.TrialError, "psi"):
             trajectory_run(noisy.drop_vars("psi"), container, channels=["u", "psi"])
         with refused(ps.TrialError, 40, 0.1, 39):

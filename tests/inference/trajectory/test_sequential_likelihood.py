@@ -1,4 +1,4 @@
-"""The likelihood of earlier runs, summed up for fits to later ones."""
+"""Gaussian likelihood of earlier runs, for fits to later runs."""
 
 from dataclasses import replace
 
@@ -31,9 +31,9 @@ def linear_case(earlier=None):
     information = windows + np.diag(scale**-2.0) + design.T @ design
     right = windows @ own + mean / scale**2 + design.T @ prior.likelihood_or_flat.response
     size = np.sqrt(np.diag(information))
-    found = np.linalg.solve(information / np.outer(size, size), right / size) / size
+    mean_of_all = np.linalg.solve(information / np.outer(size, size), right / size) / size
     zero = np.zeros((N, N))
-    return WindowFit(vessel, found, zero, zero, information, {}, 1.0, 1), prior, windows, own
+    return WindowFit(vessel, mean_of_all, zero, zero, information, {}, 1.0, 1), prior, windows, own
 
 
 @pytest.mark.parametrize("earlier", [None, GaussianLikelihood(1e3 * np.eye(N)[:4], np.ones(4))])
@@ -82,22 +82,22 @@ def test_the_discrepancy_scale_is_the_distance_of_the_coefficients(shift, low, h
     moved = shift * np.random.default_rng(2).standard_normal(n)
     prior = CoefficientPrior(np.zeros(n), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), "stated")
     likelihood = GaussianLikelihood(100.0 * np.eye(n), np.zeros(n))
-    found, (scale,) = commensurate_likelihood(likelihood, prior, moved, 1e-4 * np.eye(n))
+    commensurate, (scale,) = commensurate_likelihood(likelihood, prior, moved, 1e-4 * np.eye(n))
     assert low <= scale <= high
-    assert np.linalg.norm(found.design) <= np.linalg.norm(likelihood.design) * (1.0 + 1e-12)
+    assert np.linalg.norm(commensurate.design) <= np.linalg.norm(likelihood.design) * (1.0 + 1e-12)
 
 
 def test_coefficients_of_a_facility_have_a_discrepancy_scale_of_their_own():
-    """Five of forty have moved by their prior sd; one scale for all, the broken twin, loosens the others, too."""
+    """Five of forty have moved by their prior sd; one scale for all, the broken twin, widens the others, too."""
     n, own = 40, [3, 7, 11, 20, 33]
     moved = np.zeros(n)
     moved[own] = (1.0, -1.2, 0.9, -0.8, 1.1)
     prior = CoefficientPrior(np.zeros(n), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), "stated")
     likelihood = GaussianLikelihood(100.0 * np.eye(n), np.zeros(n))
-    found, (common, own_scale) = commensurate_likelihood(likelihood, prior, moved, 1e-4 * np.eye(n), own)
+    commensurate, (common, own_scale) = commensurate_likelihood(likelihood, prior, moved, 1e-4 * np.eye(n), own)
     assert common == 0.0
     assert 0.7 < own_scale <= 1.0
-    sizes = np.linalg.norm(found.design, axis=0)
+    sizes = np.linalg.norm(commensurate.design, axis=0)
     others = np.setdiff1d(np.arange(n), own)
     assert sizes[own].max() < 2.0
     np.testing.assert_allclose(sizes[others], 100.0)

@@ -1,4 +1,4 @@
-"""Fits to short windows: what they cover, that they find the forces, and a covariance that knows of model error."""
+"""Fits to short windows: their times, the forces they identify, and a covariance with model error."""
 
 from __future__ import annotations
 
@@ -69,15 +69,15 @@ class TestThinned:
     def test_a_heading_that_jumps_by_a_circle_is_made_continuous_first(self, fast):
         turned = fast.assign(psi=("time", np.angle(np.exp(1j * (fast["psi"].values + np.pi)))))
         assert np.abs(np.diff(turned["psi"])).max() > 6.0
-        found, straight = (thin_record(run, tanker())["psi"].values for run in (turned, fast))
-        np.testing.assert_allclose(found - found[0], straight - straight[0], atol=1e-9)
+        continuous, straight = (thin_record(run, tanker())["psi"].values for run in (turned, fast))
+        np.testing.assert_allclose(continuous - continuous[0], straight - straight[0], atol=1e-9)
 
-    def test_a_slow_record_is_left_alone(self):
+    def test_a_slow_record_is_not_averaged(self):
         run = trial(RUNS[0])
         xr.testing.assert_identical(thin_record(run, tanker()), run)
 
     @pytest.mark.parametrize("step", [0.05, 0.0166667, UNIT * 2.5 / 300.9 / 20.0])
-    def test_what_is_no_half_window_is_an_error_and_what_passes_has_one(self, step):
+    def test_half_a_window_is_the_shortest_record(self, step):
         whole = trial(RUNS[0], duration=150.0).interp(time=np.arange(0.0, 110.0, step))
         sizes = np.arange(30 - 60, 30) + int(0.5 * LENGTH * UNIT / step)
         passed = [self.passes(whole.isel(time=slice(0, size))) for size in sizes]
@@ -100,13 +100,13 @@ class TestThinned:
 
 class TestWindows:
     @pytest.mark.parametrize(("size", "windows"), [(201, 1), (301, 2), (300, 1), (402, 2), (402 + 100, 3), (501, 2)])
-    def test_they_follow_each_other_and_a_rest_counts_from_half_a_window(self, size, windows):
+    def test_they_are_consecutive_and_a_remainder_of_half_a_window_counts(self, size, windows):
         record = trial(RUNS[0]).isel(time=slice(0, size))
-        found = window_records(record, tanker())
-        assert len(found) == windows
+        windows_of_record = window_records(record, tanker())
+        assert len(windows_of_record) == windows
         assert round(LENGTH * UNIT) == 201
-        assert all(window.sizes["time"] == 201 for window in found[:-1])
-        covered = np.concatenate([window["time"].values for window in found])
+        assert all(window.sizes["time"] == 201 for window in windows_of_record[:-1])
+        covered = np.concatenate([window["time"].values for window in windows_of_record])
         np.testing.assert_array_equal(covered, record["time"].values[: covered.size])
         assert size - covered.size < 101
 
@@ -123,16 +123,16 @@ class TestWindows:
         moved = np.mean([abs(w.state[0] - float(r["u"][0])) for w, r in zip(windows, records, strict=True)])
         assert moved > 0.01
 
-    def test_a_ship_that_rolls_is_judged_by_its_roll_too(self, container):
+    def test_a_rolling_ship_is_also_fitted_to_its_roll(self, container):
         run = trial(ps.zigzag(20.0, 20.0), vessel=container, duration=100.0, interval=0.25)
         (window,) = prepared_windows(run, container)
         assert window.run.channels == ("u", "v", "r", "p", "phi")
         assert np.abs(window_misfit(window, container, reference_coefficients(container))).max() < 0.1
 
-    def test_the_true_forces_leave_nothing_of_a_clean_record(self):
+    def test_the_true_forces_have_no_residuals_in_a_clean_record(self):
         windows = prepared_windows(trial(RUNS[0]), tanker())
         true = reference_coefficients(tanker())
-        # the first window holds the corner of the rudder's first movement, which a record shows up to 1 s late
+        # the first window has the corner of the rudder's first movement, which a record has up to 1 s late
         assert np.abs(window_misfit(windows[0], tanker(), true)).max() < 0.01
         for window in windows[1:]:
             misfit = window_misfit(window, tanker(), true)
@@ -149,7 +149,7 @@ class TestWindows:
 
 @pytest.fixture(scope="module")
 def fitted():
-    """Fit of the true terms, from none but what the prior says, to noise-free windows of three runs."""
+    """Fit of the true terms, from the prior mean, to noise-free windows of three runs."""
     runs = [trial(what) for what in RUNS]
     vessel = with_terms(tanker(), TRUE_TERMS)
     prior = coefficient_prior(runs, vessel, "order_damped", damping=1.0)
@@ -159,41 +159,41 @@ def fitted():
 
 
 class TestMode:
-    def test_draws_are_of_the_fit_under_the_spread_with_which_windows_count(self):
+    def test_draws_are_of_the_fit_with_its_effective_sd(self):
         vessel = with_terms(tanker(), TRUE_TERMS)
         prior, start = wide_prior(reference_coefficients(vessel), 1.0), reference_coefficients(vessel)
         windows = prepared_windows(trial(RUNS[0], seed=1), vessel)
         fit, mode = fit_windows(windows, vessel, prior, start), window_mode(windows, vessel, prior, start)
-        found = mode.choice.fit
-        np.testing.assert_array_equal(found.coefficients, fit.coefficients)
-        np.testing.assert_allclose(np.linalg.inv(found.covariance), fit.information, rtol=1e-9)
-        for noise in found.problem.noise:
+        mode_fit = mode.choice.fit
+        np.testing.assert_array_equal(mode_fit.coefficients, fit.coefficients)
+        np.testing.assert_allclose(np.linalg.inv(mode_fit.covariance), fit.information, rtol=1e-9)
+        for noise in mode_fit.problem.noise:
             np.testing.assert_allclose(noise.sd, list(fit.effective_sd.values()), rtol=0.03)
         tree = laplace_posterior(mode, draws=400, chains=2, rng=np.random.default_rng(1))
         drawn = tree["posterior"]["coefficients"].stack(sample=("chain", "draw")).transpose("sample", ...).values
         z = (drawn.mean(axis=0) - fit.coefficients) / (drawn.std(axis=0) / np.sqrt(400))
         assert np.abs(z).max() < 4.5
-        wrong = (drawn.mean(axis=0) - fit.coefficients - 0.5 * found.sd) / (drawn.std(axis=0) / np.sqrt(400))
+        wrong = (drawn.mean(axis=0) - fit.coefficients - 0.5 * mode_fit.sd) / (drawn.std(axis=0) / np.sqrt(400))
         assert np.abs(wrong).max() > 4.5
 
 
 class TestFit:
-    def test_a_clean_record_gives_back_ships_that_move_alike(self, fitted):
+    def test_a_clean_record_gives_the_indices_of_the_true_ship(self, fitted):
         assert fitted.n_windows == 9
         for what in (*RUNS, ps.turning_circle(25.0)):
-            true, found = (
+            true, fitted_indices = (
                 ps.indices(ps.simulate(vessel, what, duration=900.0, step=0.05, record_interval=1.0, method="rk4"))
                 for vessel in (tanker(), with_values(tanker(), fitted.coefficients))
             )
             for name in true:
                 if np.isfinite(true[name]):
-                    assert float(found[name]) == pytest.approx(float(true[name]), rel=5e-3), (what.label, name)
+                    assert float(fitted_indices[name]) == pytest.approx(float(true[name]), rel=5e-3), (what.label, name)
 
-    def test_the_noise_it_finds_is_what_the_windows_leave(self, fitted):
+    def test_the_estimated_noise_is_that_of_the_residuals(self, fitted):
         assert fitted.channel_sd.keys() == {"u", "v", "r"}
         assert max(fitted.channel_sd["u"], fitted.channel_sd["v"], 100.0 * fitted.channel_sd["r"]) < 1e-3
 
-    def test_its_covariances_are_such(self, fitted):
+    def test_its_covariances_are_symmetric_and_not_negative(self, fitted):
         for matrix in (fitted.covariance, fitted.information):
             size = np.sqrt(np.diag(matrix))
             assert np.linalg.eigvalsh(matrix / np.outer(size, size)).min() > -1e-9
@@ -207,9 +207,9 @@ class TestFit:
         np.testing.assert_allclose(fit.coefficients, 1.1 * reference, rtol=1e-3)
         sd = np.sqrt(np.diag(np.linalg.inv(fit.information)))
         np.testing.assert_allclose(sd, 1.1e-4 * np.abs(reference), rtol=0.01)
-        stated = np.sqrt(np.diag(fit.covariance))  # the prior is an observation, too
-        assert (stated > 0.99 * sd).all()
-        assert (stated < 2.0 * sd).all()
+        estimated_sd = np.sqrt(np.diag(fit.covariance))  # the prior is an observation, too
+        assert (estimated_sd > 0.99 * sd).all()
+        assert (estimated_sd < 2.0 * sd).all()
 
 
 def tiny(container):
@@ -248,7 +248,7 @@ def many_fits(container):
 
 
 class TestConflict:
-    """The prior of N_v is 20 of its sd off; the windows know better."""
+    """The prior mean of N_v is 20 of its sd from the truth."""
 
     @staticmethod
     def fits(container):
@@ -258,14 +258,14 @@ class TestConflict:
         planted = replace(known, mean=known.mean + off)
         return [fit_windows(noisy, ship, prior, reference, ERROR) for prior in (known, planted)]
 
-    def test_a_prior_that_the_windows_contradict_gives_way(self, container):
+    def test_a_prior_that_the_windows_contradict_has_little_weight(self, container):
         right, planted = self.fits(container)
         sd = np.sqrt(np.diag(right.covariance))
         assert (np.abs(planted.coefficients - right.coefficients) < 0.5 * sd).all()
         *others, widest = np.sort(planted.mode.problem.prior.scale / right.mode.problem.prior.scale)
         assert max(others) < 1.1 < 8.0 < widest
 
-    def test_the_broken_twin_the_normal_law_does_not(self, container, monkeypatch):
+    def test_a_normal_prior_the_broken_twin_has_much(self, container, monkeypatch):
         monkeypatch.setattr(priors, "FREEDOM", 1e9)
         right, planted = self.fits(container)
         assert (np.abs(planted.coefficients - right.coefficients) > 10.0 * np.sqrt(np.diag(right.covariance))).any()
@@ -277,10 +277,10 @@ class TestSandwich:
 
     @staticmethod
     def ratios(reference, fits, covariance):
-        """Stated standard deviation over that of the estimates, by coefficient."""
+        """Estimated standard deviation over that of the estimates, by coefficient."""
         estimates = np.array([fit.coefficients for fit in fits])
-        stated = np.sqrt(np.mean([np.diag(covariance(fit)) for fit in fits], axis=0))
-        return stated / estimates.std(axis=0, ddof=1)
+        estimated_sd = np.sqrt(np.mean([np.diag(covariance(fit)) for fit in fits], axis=0))
+        return estimated_sd / estimates.std(axis=0, ddof=1)
 
     @pytest.mark.consistency
     def test_its_sd_is_that_of_the_estimates(self, many_fits):
@@ -294,7 +294,7 @@ class TestSandwich:
         assert np.max(ratio) < 1.0 - 4.0 * self.MONTE_CARLO - self.FEW_WINDOWS
 
     @pytest.mark.consistency
-    def test_the_curvature_holds_the_scatter_of_the_windows_in_the_mean(self, many_fits):
+    def test_the_curvature_is_the_mean_scatter_of_the_windows(self, many_fits):
         for fit in many_fits[1]:
             ratio = np.trace(fit.information @ fit.covariance) / len(fit.coefficients)
             assert ratio == pytest.approx(1.0, abs=0.1)
@@ -307,8 +307,8 @@ class TestSandwich:
         assert np.max(np.abs(estimates.mean(axis=0) - reference) / standard_error) < 4.0
 
     @pytest.mark.consistency
-    def test_the_noise_is_that_put_in(self, many_fits):
-        """Up to the share of the errors that initial states and coefficients take up."""
+    def test_the_noise_is_that_simulated(self, many_fits):
+        """But for the degrees of freedom of initial states and coefficients."""
         _, fits = many_fits
         for name, sd in ERROR.items():
             assert 0.5 * sd < np.mean([fit.channel_sd[name] for fit in fits]) < sd
@@ -324,8 +324,8 @@ class TestSandwich:
             run, noise = problem.runs[k], problem.noise[k]
             start = fit.unknowns[problem.nuisances[k]][: run.n_states]
             motion = replay(ship, run.inputs, start, coefficients, **run.integration)
-            left = run.block_means(run.samples - motion[list(run.rows), 0])
-            return -0.5 * np.sum((left / noise.sd[:, None]) ** 2)
+            residuals = run.block_means(run.samples - motion[list(run.rows), 0])
+            return -0.5 * np.sum((residuals / noise.sd[:, None]) ** 2)
 
         steps = 1e-4 * np.diag(np.abs(fit.coefficients))
         slopes = [
@@ -334,39 +334,39 @@ class TestSandwich:
         ]
         gradients = np.array(slopes) / (2.0 * np.diag(steps))
         expected, size = 4 * np.cov(gradients.T), np.sqrt(4.0) * gradients.std(axis=0, ddof=1)
-        found = window_fit._squared_gradients(fit)
-        np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=0.02)
+        squared_gradients = window_fit._squared_gradients(fit)
+        np.testing.assert_allclose(squared_gradients / np.outer(size, size), expected / np.outer(size, size), atol=0.02)
 
 
 @pytest.mark.consistency
-class TestBesideAPrior:
-    """A prior about the truth, as wide as the scatter of the estimates: halves the errors of each."""
+class TestWithAPrior:
+    """A prior about the truth, as wide as the scatter of the estimates, halves the errors of each."""
 
     N_SETS = 12
 
-    def kept(self, container, many_fits):
-        """Share of the error of an estimate that is left of it beside the prior: slope over sets and coefficients."""
+    def remaining_error(self, container, many_fits):
+        """Fraction of the error of an estimate that remains with the prior: slope over sets and coefficients."""
         ship, reference, windows = tiny(container)
         alone = np.array([fit.coefficients for fit in many_fits[1]])
         sd = alone.std(axis=0, ddof=1)
         prior = replace(wide_prior(reference), scale=sd, unit=sd)
         rng = np.random.default_rng(8)  # the first data sets again
         sets = [with_errors(windows, rng, 0.9) for _ in range(self.N_SETS)]
-        beside = np.array([fit_windows(noisy, ship, prior, reference, ERROR).coefficients for noisy in sets])
-        x, y = ((rows - reference) / sd for rows in (alone[: self.N_SETS], beside))
+        combined = np.array([fit_windows(noisy, ship, prior, reference, ERROR).coefficients for noisy in sets])
+        x, y = ((rows - reference) / sd for rows in (alone[: self.N_SETS], combined))
         return np.sum(x * y) / np.sum(x**2)
 
-    def test_the_windows_count_for_what_they_are_worth(self, container, many_fits):
-        assert self.kept(container, many_fits) == pytest.approx(0.5, abs=0.1)
+    def test_windows_and_prior_have_equal_weight(self, container, many_fits):
+        assert self.remaining_error(container, many_fits) == pytest.approx(0.5, abs=0.1)
 
-    def test_counted_as_independent_they_leave_little_to_the_prior(self, container, many_fits, monkeypatch):
+    def test_windows_as_independent_data_outweigh_the_prior(self, container, many_fits, monkeypatch):
         """Broken twin."""
         monkeypatch.setattr(window_fit, "_design_effect", lambda fit: 0.0)
-        assert self.kept(container, many_fits) > 0.7
+        assert self.remaining_error(container, many_fits) > 0.7
 
 
 @pytest.mark.parametrize("known", [0.0, 1.0, 1e6])
-def test_the_dispersion_is_that_of_the_windows_however_much_the_prior_knows(known, monkeypatch):
+def test_the_design_effect_does_not_depend_on_the_prior(known, monkeypatch):
     """Gradients that scatter three times as much as their curvature says, and a prior of half the coefficients."""
     root = np.random.default_rng(3).standard_normal((6, 6))
     curvature, precision = root @ root.T, known * np.repeat([0.0, 1.0], 3)
@@ -378,7 +378,7 @@ def test_the_dispersion_is_that_of_the_windows_however_much_the_prior_knows(know
 
 
 @pytest.mark.consistency
-def test_what_the_prior_leaves_open_does_not_grow(many_fits):
+def test_the_part_of_the_prior_is_not_inflated(many_fits):
     fit = many_fits[1][0]
     alone = replace(fit, from_windows=0.0 * fit.from_windows)
     np.testing.assert_array_equal(inflate_covariance(alone, 3.0).covariance, fit.from_prior)
