@@ -23,7 +23,7 @@ from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.ensemble.draws import suitable_models, thinned_draws
+from pymc_ship.ships.ensemble.draws import Models, suitable_models, thinned_draws
 from pymc_ship.ships.ensemble.index_error import equivalent_sd, error_sizes, model_error, readings_noise, steady_error
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.motion_error import SIZES, motion_error
@@ -42,7 +42,6 @@ CANDIDATES = tuple(
     )
     for side in ("port", "starboard")
 )
-"""Default candidates."""
 
 _TARGET_QUANTITIES = ("angle", "distance")
 _REACHED = 0.9  # least fraction of the draws that reach an index
@@ -163,7 +162,7 @@ def design(
     return _choose_runs(_design(ship, models[0][0], targets), candidate_runs, n, sea_room)
 
 
-def _simulate_run(models: Sequence[tuple[Vessel, np.ndarray]], manoeuvre: Manoeuvre, **around: Any) -> _Run:
+def _simulate_run(models: Models, manoeuvre: Manoeuvre, **around: Any) -> _Run:
     runs = []
     for vessel, rows in models:
         settings = simulation_settings(vessel) | {"duration": manoeuvre.traits.reach * vessel.particulars.ship_time}
@@ -261,22 +260,19 @@ def _design(ship: Ship, vessel: Vessel, runs: Sequence[_Run]) -> _Design:
     target_values = np.concatenate([run.columns(names) for run, names in targets], axis=1)
     sd = np.nanstd(target_values, axis=0)
     distance = (target_values - np.nanmedian(target_values, axis=0)) / np.where(sd > 0.0, sd, 1.0)
+    if ship.index_error is None:  # the typical errors of other ships
+        errors = model_error(()) | steady_error(motion_error((), ship.vessel))
+    else:
+        errors = ship.index_error | steady_error(ship.motion_error)
     return _Design(
         vessel=vessel,
-        errors=_laws(ship),
+        errors=errors,
         rows=list(index_rows(ship.held_out_indices)),
         targets=targets,
         target_values=target_values,
         central=int(np.argmin(np.sum(np.nan_to_num(distance, nan=_FAR) ** 2, axis=1))),
         data=_Data(np.empty((len(target_values), 0)), np.empty(0), ship.motion.drop_vars("row", errors="ignore")),
     )
-
-
-def _laws(ship: Ship) -> dict[str, np.ndarray]:
-    """Laws of the errors of a ship, or the typical ones of other ships."""
-    if ship.index_error is None:
-        return model_error(()) | steady_error(motion_error((), ship.vessel))
-    return ship.index_error | steady_error(ship.motion_error)
 
 
 def remaining_variance(targets: np.ndarray, measured: np.ndarray, noise: np.ndarray) -> np.ndarray:

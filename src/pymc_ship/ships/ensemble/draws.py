@@ -12,6 +12,8 @@ from pymc_ship.machine.errors import SimulationError, VesselError
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
 
+Models = Sequence[tuple[Vessel, np.ndarray]]  # vessels with draws of their coefficients, (n_draws, n_coefficients)
+
 
 def coefficient_draws(
     vessel: Vessel,
@@ -57,14 +59,14 @@ def _coefficient_rows(vessel: Vessel, dof: str, group: xr.DataTree, draws: int, 
     return sample.sel(coefficient=names).transpose("sample", "coefficient").values[drawn_indices]
 
 
-def thinned_draws(models: Sequence[tuple[Vessel, np.ndarray]], draws: int) -> list[tuple[Vessel, np.ndarray]]:
+def thinned_draws(models: Models, draws: int) -> list[tuple[Vessel, np.ndarray]]:
     """Models with at most this number of draws in all, in proportion, and at least one of each."""
     fraction = min(draws / sum(len(rows) for _, rows in models), 1.0)
     return [(vessel, rows[: max(round(fraction * len(rows)), 1)]) for vessel, rows in models]
 
 
 def suitable_models(
-    models: Sequence[tuple[Vessel, np.ndarray]], *, n: float | None = None, wind: tuple[float, float] | None = None
+    models: Models, *, n: float | None = None, wind: tuple[float, float] | None = None
 ) -> list[tuple[Vessel, np.ndarray]]:
     """Models whose forces depend on the given revolutions and wind; SimulationError where none does."""
     suitable = [

@@ -25,12 +25,10 @@ from pymc_ship.ships.ensemble.ship import Member, Ship
 
 FOLDER = "model"  # folder of a ship inside that of its report
 FORMAT = 4  # number of the format written
-MIGRATIONS = {
+MIGRATIONS = {  # names of older formats that differ in the next one, by format number; these are also read
     2: {"model_error": "index_error", "index_rows": "held_out_indices", "held_tests": "uses_captive_tests"},
     3: {"statement": "design", "stated": "response", "dispersion": "design_effect"},
 }
-"""Names of older formats that differ in the next one, by format number; these are also read."""
-
 _INDEX, _SUM = "ship.json", "sha256"
 _KEYS = (
     *("terms", "facilities", "index_error", "motion_error", "remarks", "prior"),
@@ -230,18 +228,10 @@ def _tree(member: Member, likelihood: EarlierLikelihood, ship: Ship, made_by: st
     names = coefficient_names(member.vessel)
     coords = {"chain": np.arange(chains), "draw": np.arange(values.shape[1]), "coefficient": names}
     posterior = xr.Dataset({"coefficients": (("chain", "draw", "coefficient"), values)}, coords)
-    attrs = {
-        "method": "windows",
-        "vessel": member.vessel.name,
-        "dof": " ".join(member.vessel.dofs),
-        "terms": member.name,
-        "weight": member.weight,
-        "inflation": member.inflation,
-        "design_effect": member.design_effect,
-        "prior": ship.prior,
-        "made_by": made_by,
-        **provenance(CITATIONS["windows"]),
-    }
+    attrs = {"method": "windows", "vessel": member.vessel.name, "dof": " ".join(member.vessel.dofs)}
+    attrs |= {"terms": member.name}
+    attrs |= {name: getattr(member, name) for name in ("weight", "inflation", "design_effect")}
+    attrs |= {"prior": ship.prior, "made_by": made_by, **provenance(CITATIONS["windows"])}
     constant_data = {
         "motion": ship.motion,
         "design": (("likelihood_row", "coefficient"), likelihood.gaussian.design),

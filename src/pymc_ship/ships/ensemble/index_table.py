@@ -34,7 +34,10 @@ def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
             runs.append({})
         runs[-1][row["index"]] = row
     quantity = {row["index"]: row["kind"] for row in rows}
-    known = [name for name in _order() if name in quantity]
+    order: list[str] = []  # indices of every kind of manoeuvre, each with the last kind that has it
+    for kind in KINDS.values():
+        order = [name for name in order if name not in kind.scored] + list(kind.scored)
+    known = [name for name in order if name in quantity]
     names = [*known, *(name for name in quantity if name not in known)]
     firsts = [next(iter(run.values())) for run in runs]
     variables = [name for name in NUMBERS if not rows or name in rows[0]]
@@ -61,11 +64,3 @@ def index_rows(table: xr.Dataset) -> Iterator[dict]:
         row = {"run": heads["run"][k], "manoeuvre": heads["manoeuvre"][k]}
         row |= {"index": heads["index"][j], "kind": heads["quantity"][j]}
         yield row | {name: float(values[k, j]) for name, values in numbers.items()}
-
-
-def _order() -> list[str]:
-    """Indices of every kind of manoeuvre, each with the last kind that has it."""
-    order: list[str] = []
-    for kind in KINDS.values():
-        order = [name for name in order if name not in kind.scored] + list(kind.scored)
-    return order

@@ -172,7 +172,6 @@ class Ship:
 
 
 ShipLike = Ship | VesselLike
-"""A ship, a vessel or a vessel file."""
 
 
 def as_ship(ship: ShipLike) -> Ship:

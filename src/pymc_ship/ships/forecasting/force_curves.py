@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
@@ -13,6 +11,7 @@ from pymc_ship.pages.tables import percent
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.captive import captive_test_forces
 from pymc_ship.physics.vessel.vessel import DOFS, LETTER, Vessel, coefficient_names
+from pymc_ship.ships.ensemble.draws import Models
 from pymc_ship.trial.channels import CHANNELS
 
 _FORCES = ("surge", "sway", "yaw")
@@ -22,9 +21,7 @@ _GRID, _MARGIN = 81, 1.5
 
 
 @house_style
-def force_curves(
-    models: Sequence[tuple[Vessel, np.ndarray]], ranges: xr.DataArray | None = None, *, ci_prob: float = 0.95
-) -> Figure:
+def force_curves(models: Models, ranges: xr.DataArray | None = None, *, ci_prob: float = 0.95) -> Figure:
     """Prime force and moment of the hull and rudder against v', r' and rudder, one at a time at the nominal speed.
 
     Parameters

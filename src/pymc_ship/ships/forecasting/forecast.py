@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
 from pymc_ship.records.steering.recognition import Steering, with_steering
-from pymc_ship.ships.ensemble.draws import suitable_models, thinned_draws
+from pymc_ship.ships.ensemble.draws import Models, suitable_models, thinned_draws
 from pymc_ship.ships.ensemble.feasibility import is_feasible
 from pymc_ship.ships.ensemble.index_error import reliability, steady_error, with_model_error
 from pymc_ship.ships.ensemble.scores import quantile_bands, quantiles
@@ -133,7 +133,7 @@ def forecast(
 
 
 def _feasible(
-    models: Sequence[tuple[Vessel, np.ndarray]], manoeuvre: Manoeuvre, reach: float, environment: Mapping[str, object]
+    models: Models, manoeuvre: Manoeuvre, reach: float, environment: Mapping[str, object]
 ) -> list[tuple[Vessel, np.ndarray]]:
     """Models with the draws that are feasible in a manoeuvre; FitError where fewer than two are."""
     feasible = [(vessel, rows[is_feasible(vessel, rows, [manoeuvre], reach, **environment)]) for vessel, rows in models]
@@ -168,7 +168,7 @@ def _models_at_facility(ship: Ship, facility: str | None) -> list[tuple[Vessel, 
 
 
 def pooled_forecast(
-    models: Sequence[tuple[Vessel, np.ndarray]],
+    models: Models,
     manoeuvre: Manoeuvre,
     *,
     duration: float,
@@ -218,17 +218,9 @@ def pooled_forecast(
         if errors is not None:
             index_draws = with_model_error(index_draws, errors, vessel, rng, beyond=beyond)
         groups |= {"indices": index_draws, "index_bands": quantile_bands(index_draws, ci_prob)}
-    attrs = {
-        **ships.attrs,
-        "label": manoeuvre.label,
-        "draws": ships.sizes["draw"],
-        "ci_prob": ci_prob,
-        "ci_kind": "eti",
-        "share_diverged": float(ships["diverged"].mean()),
-        "share_extrapolated": np.nan,
-        "extrapolation": UNKNOWN,
-        **(reliability(beyond) if errors is not None else {}),
-    }
+    attrs = ships.attrs | {"label": manoeuvre.label, "draws": ships.sizes["draw"], "ci_prob": ci_prob, "ci_kind": "eti"}
+    attrs |= {"share_diverged": float(ships["diverged"].mean()), "share_extrapolated": np.nan, "extrapolation": UNKNOWN}
+    attrs |= reliability(beyond) if errors is not None else {}
     if departures is not None:
         groups["extrapolation"] = departures
         attrs["share_extrapolated"] = departures.attrs["share_extrapolated"]

@@ -45,7 +45,6 @@ _CAPTIONS = {
 }
 _SWINGS = " Bands are quantiles at each instant; the marks are the overshoots."
 _DECIMALS = {"deg": 2, "L": 2, "s": 1, "m/s": 2, "deg/s": 3}  # decimals of an index by its unit
-_FORCES = "Prime force and moment, one quantity at a time at the nominal speed; shaded: range of the training record."
 
 
 def write_forecast_page(
@@ -122,16 +121,9 @@ def write_forecast_page(
         rows["forecast_stopping"] = stopping_rows(stop)
     no_roll = [] if all(map(has_roll, forecasts.values())) else [NO_ROLL]
     progress("writing the page")
-    values = {
-        "title": f"{vessel.name}: forecast of its manoeuvres",
-        "vessel_title": vessel.title or vessel.name,
-        "particulars": vessel.particulars,
-        "bands": " and ".join(dict.fromkeys(percent(tree.attrs["ci_prob"]) for tree in forecasts.values())),
-        "sure": f"{CONFORMANCE_PROBABILITY:g}",
-        "unsure": f"{1.0 - CONFORMANCE_PROBABILITY:.2g}",
+    values = _head(forecasts, vessel) | {
         "verdicts": verdict_table(verdicts) if verdicts else None,
         "sections": sections,
-        "forces": _FORCES,
         "spiral": spiral_sentence(turns) if turns is not None else "",
         "stopping": stopping_sentence(stop) if stop is not None else "",
         "stopping_table": table(rows["forecast_stopping"], STOPPING_COLUMNS) if stop is not None else None,
@@ -139,6 +131,17 @@ def write_forecast_page(
         "command": command,
     }
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
+
+
+def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
+    return {
+        "title": f"{vessel.name}: forecast of its manoeuvres",
+        "vessel_title": vessel.title or vessel.name,
+        "particulars": vessel.particulars,
+        "bands": " and ".join(dict.fromkeys(percent(tree.attrs["ci_prob"]) for tree in forecasts.values())),
+        "sure": f"{CONFORMANCE_PROBABILITY:g}",
+        "unsure": f"{1.0 - CONFORMANCE_PROBABILITY:.2g}",
+    }
 
 
 def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[str]:

@@ -23,21 +23,15 @@ from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 
+# Status of a draw, the first that is true (wrong way: first turns against the rudder), and name of its attr share_...
 STATUSES = ("diverged", "wrong way", "course-unstable", "complete")
-"""Status of a draw, the first that is true; `wrong way`: first turns against the rudder; `complete`: none of these."""
-
 SHARES = ("diverged", "wrong_way", "course_unstable", "complete")
-"""Names of the attrs ``share_...``, in the order of the statuses."""
-
-STANDARD = {
+STANDARD = {  # manoeuvres of a prior predictive check, and their indices that IMO MSC.137(76) limits
     zigzag(10, 10): ("first_overshoot_angle", "second_overshoot_angle"),
     turning_circle(35): ("advance", "tactical_diameter"),
 }
-"""Manoeuvres of a prior predictive check, and their indices that IMO MSC.137(76) limits."""
-
 TURNED_DEG = 10.0  # heading change [deg] of a turn: that of the initial turning ability of IMO MSC.137(76)
-RegressionPrior = tuple[RegressionData, Prior] | xr.DataTree
-"""Prior of one DOF: data and the prior on their scaled columns, or a tree with the group prior."""
+RegressionPrior = tuple[RegressionData, Prior] | xr.DataTree  # of one DOF; the prior is on scaled columns
 
 
 def prior_ships(

@@ -206,16 +206,10 @@ def _newton(
             moved = solution.copy()
             moved[column] += _SMALL
             jacobian[:, :, column] = ((residual(moved, prime) - residuals) / _SMALL).T
-        step = _newton_steps(jacobian, residuals.T).T
-        solution = solution - np.where(converged, 0.0, np.clip(step, -_LONGEST, _LONGEST))
+        regular = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(residuals).all(axis=0)
+        regular[regular] = np.abs(np.linalg.det(jacobian[regular])) > 0.0
+        step = np.zeros_like(residuals.T)  # 0 where the Jacobian is singular
+        step[regular] = np.linalg.solve(jacobian[regular], residuals.T[regular][..., None])[..., 0]
+        solution = solution - np.where(converged, 0.0, np.clip(step.T, -_LONGEST, _LONGEST))
         solution[0] = np.maximum(solution[0], 0.05)
     return solution, converged
-
-
-def _newton_steps(jacobian: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-    """Newton steps; 0 where the Jacobian is singular or not finite."""
-    regular = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(residuals).all(axis=1)
-    regular[regular] = np.abs(np.linalg.det(jacobian[regular])) > 0.0
-    step = np.zeros_like(residuals)
-    step[regular] = np.linalg.solve(jacobian[regular], residuals[regular][..., None])[..., 0]
-    return step

@@ -64,12 +64,6 @@ class _Plan:
         """Coordinates on the axes."""
         return (advance, transfer) if self.turned else (transfer, advance)
 
-    def limits(self, advance: tuple[float, float], transfer: tuple[float, float]) -> None:
-        """Show these ranges [L]."""
-        horizontal, vertical = self.points(advance, transfer)
-        self.ax.set_xlim(*horizontal)
-        self.ax.set_ylim(*(vertical[::-1] if self.turned else vertical))
-
     def line(self, ship: xr.Dataset, **style: Any) -> None:
         """Track of a ship."""
         thinned = ship.isel(time=slice(None, None, max(1, ship.sizes["time"] // _POINTS)))
@@ -122,8 +116,11 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     named = [(drawn[0], BLUE, "median ship")] + ([] if trial is None else [(trial, REFERENCE, "measured")])
     advance, transfer = (_extent([*drawn, *([] if trial is None else [trial])], name, vessel) for name in ("x", "y"))
     turned = bool(not turning and np.ptp(advance) > 2.5 * np.ptp(transfer))
-    if turning:
-        advance, transfer = _with_room(advance, transfer, SIDES[tree.attrs["side"]])
+    if turning:  # room for dimension lines below, above and on the side away from the turn
+        room = _ROOM * max(np.ptp(advance), np.ptp(transfer))
+        advance = advance[0] - room, advance[1] + room
+        is_starboard = SIDES[tree.attrs["side"]] > 0.0
+        transfer = (transfer[0] - room, transfer[1]) if is_starboard else (transfer[0], transfer[1] + room)
     ratio = float(np.ptp(transfer) / np.ptp(advance)) if turned else float(np.ptp(advance) / np.ptp(transfer))
     fig, axes = subplots(8.0, float(np.clip(7.2 * ratio + 1.2, 2.0, 8.0)))
     plan = _Plan(axes[0, 0], vessel, turned=turned)
@@ -137,7 +134,8 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     if turning:
         measured_values = {} if measured is None or trial is None else measured_indices(measured, tree.attrs)
         _dimensions(plan, tree, named, (advance, transfer), measured_values)
-    plan.limits(advance, transfer)
+    horizontal, vertical = plan.points(advance, transfer)
+    plan.ax.set(xlim=horizontal, ylim=vertical[::-1] if turned else vertical)
     title = f"{tree.attrs['label']}: outlines every {interval:g} s, L = {plan.L:.4g} m"
     plan.ax.set_title(f"{title}{', starboard is down' if turned else ''}", loc="left")
     legend = fig.legend(*plan.ax.get_legend_handles_labels(), loc="outside upper center", ncols=5)
@@ -150,15 +148,6 @@ def _extent(ships: Sequence[xr.Dataset], name: str, vessel: Vessel) -> tuple[flo
     """Range of a coordinate of the tracks and of the outlines at their ends [L]."""
     values = np.concatenate([[0.0], *(ship[name].values for ship in ships)]) / vessel.particulars.L
     return float(np.nanmin(values)) - 0.6, float(np.nanmax(values)) + 0.6
-
-
-def _with_room(
-    advance: tuple[float, float], transfer: tuple[float, float], sign: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges with room for dimension lines below, above and on the side away from the turn."""
-    room = _ROOM * max(np.ptp(advance), np.ptp(transfer))
-    aside = (transfer[0] - room, transfer[1]) if sign > 0.0 else (transfer[0], transfer[1] + room)
-    return (advance[0] - room, advance[1] + room), aside
 
 
 def _measured_track(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr.Dataset | None:

@@ -17,20 +17,10 @@ MIN_DEPTH_RATIO = 4.0  # least water depth over mean draught (2.2.1.2.1 of the c
 MAX_BEAUFORT, MAX_SEA_STATE = 5, 4  # highest Beaufort number and sea state of a trial
 DRAUGHT_TOLERANCE = 0.05  # largest relative deviation of the mean draught from that of full load
 MIN_SPEED_RATIO = 0.9  # least approach speed over that at 85 % of the highest engine output
-TEXTS = (
-    "administration",
-    "reference",
-    "date",
-    "place",
-    "ship_type",
-    "rudder_type",
-    "number_of_rudders",
-    "propeller_type",
-    "number_of_propellers",
-    "engine_type",
+TEXTS = (  # of the form, appendix 6 of the circular
+    *("administration", "reference", "date", "place", "ship_type", "rudder_type", "number_of_rudders"),
+    *("propeller_type", "number_of_propellers", "engine_type"),
 )
-"""Texts of the form (appendix 6 of the circular)."""
-
 NOT_STATED = "not stated"  # text for a missing condition
 _BEAUFORT = (0.3, 1.6, 3.4, 5.5, 8.0, 10.8, 13.9, 17.2, 20.8, 24.5, 28.5, 32.7)  # m/s, least of each number from 1
 _KEYS = {

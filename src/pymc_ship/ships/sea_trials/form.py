@@ -11,7 +11,7 @@ from pymc_ship.records.steering.stopping_tests import LABEL, LARGE, LIMIT
 from pymc_ship.ships.sea_trials.conditions import DRAUGHT_TOLERANCE, NOT_STATED, Conditions, beaufort
 from pymc_ship.ships.sea_trials.measured_spiral import LABEL as SPIRAL
 
-LINES = (
+LINES = (  # of the manoeuvring data: item, manoeuvre and index
     ("turning circle, advance", "turning circle 35", "advance"),
     ("turning circle, tactical diameter", "turning circle 35", "tactical_diameter"),
     ("zigzag 10/10, first overshoot angle", "zigzag 10/10", "first_overshoot_angle"),
@@ -20,11 +20,7 @@ LINES = (
     ("initial turning, distance to turn 10 deg with 10 deg rudder", "zigzag 10/10", "initial_turning_distance"),
     ("stopping, track reach", LABEL, "track_reach"),
 )
-"""Lines of the manoeuvring data: item, manoeuvre and index."""
-
-ADDITIONAL = (("spiral, width of the loop", SPIRAL, "loop_width"),)
-"""Lines of manoeuvres that the circular recommends for unstable ships alone."""
-
+ADDITIONAL = (("spiral, width of the loop", SPIRAL, "loop_width"),)  # recommended for unstable ships alone
 SIDES = ("port", "starboard")  # columns of the manoeuvring data
 _CONFORMITIES = ("not met", "not met as measured", "open", "met as measured", "met")  # least favourable first
 
@@ -88,7 +84,9 @@ def form_rows(rows: Sequence[Mapping]) -> list[dict]:
         index_runs = [row for row in runs if row["index"] == index]
         conformities = {row["conformity"] for row in index_runs}
         conformity = next((conformity for conformity in _CONFORMITIES if conformity in conformities), "")
-        lines.append({"item": item, **cells, "criterion": _criterion(manoeuvre, index_runs), "conformity": conformity})
+        criterion = f"{index_runs[0]['limit']:.3g} {index_runs[0]['units']}" if index_runs else ""
+        criterion = f"{LIMIT:g} to {LARGE:g} L" if manoeuvre == LABEL else criterion
+        lines.append({"item": item, **cells, "criterion": criterion, "conformity": conformity})
     return lines
 
 
@@ -106,9 +104,3 @@ def _least_favourable(rows: Sequence[Mapping], index: str) -> str:
     uncertainty = f" ± {row['U']:.2g}" if np.isfinite(row["U"]) else ""
     single_run = " in one run" if uncertainty and row["runs"] == 1 else ""
     return f"{row['corrected']:.{decimals}f}{uncertainty} {row['units']}{single_run}"
-
-
-def _criterion(manoeuvre: str, rows: Sequence[Mapping]) -> str:
-    if manoeuvre == LABEL:
-        return f"{LIMIT:g} to {LARGE:g} L"
-    return f"{rows[0]['limit']:.3g} {rows[0]['units']}" if rows else ""

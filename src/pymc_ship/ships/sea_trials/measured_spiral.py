@@ -42,7 +42,8 @@ def measured_spiral(trial: xr.Dataset, ship_time: float) -> xr.Dataset | None:
         return None
     smooth = denoise_motion(trial)
     time, r, delta = smooth["time"].values, np.rad2deg(smooth["r"].values), np.rad2deg(trial["delta"].values)
-    straight, is_direct = _STEADY * float(np.abs(r).max()), _is_rudder_fixed(time, delta, ship_time)
+    straight, later = _STEADY * float(np.abs(r).max()), np.interp(time + 0.5 * ship_time, time, delta)
+    is_direct = float(np.mean(np.abs(later - delta) < _RUDDER_TOLERANCE)) > _FIXED_FRACTION
     if straight == 0.0:
         return None
     motion = np.array([r / straight, delta / _RUDDER_TOLERANCE] if is_direct else [r / straight])
@@ -95,12 +96,6 @@ def spiral_rows(turns: xr.Dataset, limit: float) -> list[dict]:
             row |= dict.fromkeys(PARTS, np.zeros(1)) | {"u_record": deviations, "limit": limit}
         rows.append(row)
     return rows
-
-
-def _is_rudder_fixed(time: np.ndarray, delta: np.ndarray, ship_time: float) -> bool:
-    """Whether the rudder is mostly fixed over half an L/U."""
-    later = np.interp(time + 0.5 * ship_time, time, delta)
-    return float(np.mean(np.abs(later - delta) < _RUDDER_TOLERANCE)) > _FIXED_FRACTION
 
 
 def _steady_intervals(time: np.ndarray, motion: np.ndarray, least: float) -> Iterator[tuple[int, int]]:

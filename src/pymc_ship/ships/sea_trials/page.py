@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Table, fixed_point, heads, number, table
-from pymc_ship.ships.sea_trials.current import DriftCurrent
+from pymc_ship.pages.tables import fixed_point, heads, number, table
 from pymc_ship.ships.sea_trials.figures import circles, spirals, swings
 from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
 
@@ -27,6 +23,23 @@ SOURCES = (
 )
 
 _INDEX = heads(str, run="run", manoeuvre="manoeuvre", index="index", units="")
+_VALUES = (
+    heads(number(3), raw="as measured", without_current="less current")
+    | heads(fixed_point(3), ratio="F / B")
+    | heads(number(3), corrected="corrected")
+    | heads(number(2), U="U = 2 u_c")
+    | heads(number(3), lower="95 % from", upper="to", limit="limit")
+    | heads(str, conformity="conformity")
+)
+_PARTS = heads(number(2), u_record="record", u_current="current", u_model="model", u_runs="runs", u_c="u_c")
+_CURRENT = (
+    heads(str, run="run")
+    | heads(fixed_point(3), speed="speed [m/s]")
+    | heads(fixed_point(0), direction="to [deg]")
+    | heads(fixed_point(3), u_north="u, north [m/s]", u_east="u, east [m/s]")
+    | heads(str, pairs="pairs")
+)
+_WIND = heads(str, run="run") | heads(fixed_point(1), speed="speed [m/s]") | heads(fixed_point(0), origin="from [deg]")
 
 
 def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship.trial_report(...)") -> Path:
@@ -59,17 +72,13 @@ def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship
     >>> print(ps.trial_report(ps.sea_trial({"circle": circle}, vessel, rng=1), "report").name)
     sea_trial.html
     """
-    values = heads(number(3), raw="as measured", without_current="less current") | heads(fixed_point(3), ratio="F / B")
-    values |= heads(number(3), corrected="corrected") | heads(number(2), U="U = 2 u_c")
-    values |= heads(number(3), lower="95 % from", upper="to", limit="limit") | heads(str, conformity="conformity")
-    parts = heads(number(2), u_record="record", u_current="current", u_model="model", u_runs="runs", u_c="u_c")
-    flows = _flows(result.currents)
-    flow_heads = heads(str, run="run") | heads(fixed_point(3), speed="speed [m/s]")
-    flow_heads |= heads(fixed_point(0), direction="to [deg]")
-    flow_heads |= heads(fixed_point(3), u_north="u, north [m/s]", u_east="u, east [m/s]") | heads(str, pairs="pairs")
     index_rows = [row | {"index": row["index"].replace("_", " ")} for row in result.indices]
-    form_keys = ("item", "port", "starboard", "criterion", "conformity")
-    condition_keys = ("condition", "found", "limit", "conformity")
+    flows = [
+        {"run": name, "speed": current.speed, "direction": current.direction}
+        | {"u_north": current.sd[0], "u_east": current.sd[1], "pairs": len(current.local)}
+        for name, current in result.currents.items()
+    ]
+    winds = [{"run": name, "speed": speed, "origin": origin % 360.0} for name, (speed, origin) in result.winds.items()]
     content = {
         "vessel": result.vessel,
         "command": command,
@@ -77,12 +86,12 @@ def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship
         "lines": [row for row in result.form if row["conformity"]],
         "tables": {
             "ship": table(result.ship_data, heads(str, item="item", value="")),
-            "form": table(result.form, {key: (key, str) for key in form_keys}),
-            "conditions": table(result.conditions, {key: (key, str) for key in condition_keys}),
-            "indices": table(index_rows, _INDEX | values),
-            "parts": table(index_rows, _INDEX | parts),
-            "currents": table(flows, flow_heads),
-            "winds": _winds_table(result.winds),
+            "form": table(result.form, {key: (key, str) for key in result.form[0]}),
+            "conditions": table(result.conditions, {key: (key, str) for key in result.conditions[0]}),
+            "indices": table(index_rows, _INDEX | _VALUES),
+            "parts": table(index_rows, _INDEX | _PARTS),
+            "currents": table(flows, _CURRENT),
+            "winds": table(winds, _WIND),
         },
     }
     records = {name: result.trials[name] for name in result.manoeuvres}
@@ -99,25 +108,3 @@ def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship
     rows = {"sea_trial_indices": result.indices, "sea_trial_form": [*result.ship_data, *result.form]}
     rows |= {"sea_trial_conditions": result.conditions, "sea_trial_currents": flows}
     return write_page(PAGE, out, Content(content, figures, rows, sources=SOURCES))
-
-
-def _flows(currents: Mapping[str, DriftCurrent]) -> list[dict]:
-    return [
-        {
-            "run": name,
-            "speed": current.speed,
-            "direction": current.direction,
-            "u_north": current.sd[0],
-            "u_east": current.sd[1],
-            "pairs": len(current.local),
-        }
-        for name, current in currents.items()
-    ]
-
-
-def _winds_table(winds: Mapping[str, tuple[float, float]]) -> Table:
-    rows = [
-        {"run": name, "speed": speed, "origin": np.mod(direction, 360.0)} for name, (speed, direction) in winds.items()
-    ]
-    columns = heads(str, run="run") | heads(fixed_point(1), speed="speed [m/s]")
-    return table(rows, columns | heads(fixed_point(0), origin="from [deg]"))
