@@ -8,6 +8,7 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.inference.regression import identify as identification
 from pymc_ship.physics.motion.prime_record import prime_record
+from pymc_ship.ships.forecasting.extrapolation import UNKNOWN
 from pymc_ship.ships.forecasting.forecast import NO_ROLL
 from tests.journeys.cases import files, rows, run
 from tests.ships.ensemble.cases import posterior_forecast
@@ -42,7 +43,7 @@ def test_forecast_writes_a_page_and_prints_indices_beside_the_reference(made, sm
     assert [float(row["time"]) for row in over_time] == tree["bands"]["time"].values.tolist()
     printed = capsys.readouterr().out
     assert printed.startswith("zigzag 10/10 starboard: 30 draws, 0 % diverged, bands of 90%\n")
-    assert printed.count("\nExtrapolation is unknown: the posterior has no motion of the runs it was fitted to.\n") == 3
+    assert printed.count(f"\n{UNKNOWN}\n") == 3
     assert "maximum roll angle" not in printed
     assert printed.count(f"\n{NO_ROLL}\n") == 3
     line = next(line.split() for line in printed.splitlines() if line.startswith("first overshoot angle"))

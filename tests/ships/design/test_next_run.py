@@ -1,4 +1,4 @@
-"""Which run to sail next of an identified ship: exact laws, the edge of what is known, sea room, and what is kept."""
+"""The next run of an identified ship: exact laws, extrapolation, sea room and summary."""
 
 from __future__ import annotations
 
@@ -55,66 +55,65 @@ N = 4000
 MIXING = np.random.default_rng(8).standard_normal((6, 9))
 NOISE = np.array([0.3, 0.0, 2.0, 1.0])
 ENSEMBLE = np.random.default_rng(9).standard_normal((N, 6)) @ MIXING
-ASKED, SEEN = ENSEMBLE[:, :5], ENSEMBLE[:, 5:]
+TARGETS, MEASURED = ENSEMBLE[:, :5], ENSEMBLE[:, 5:]
 
 
 def exact(noise=NOISE):
-    """Share that the last four columns, measured with noise, leave of the variance of the first five: a normal law."""
+    """Remaining variance of the first five columns given the last four, measured with noise: a normal law."""
     whole = MIXING.T @ MIXING
     shared = whole[5:, 5:] + np.diag(noise**2)
-    told = np.sum(whole[:5, 5:] * np.linalg.solve(shared, whole[5:, :5]).T, axis=1)
-    return 1.0 - told / np.diag(whole)[:5]
+    explained = np.sum(whole[:5, 5:] * np.linalg.solve(shared, whole[5:, :5]).T, axis=1)
+    return 1.0 - explained / np.diag(whole)[:5]
 
 
-def test_what_is_left_is_that_of_the_conditional_normal_law():
+def test_the_remaining_variance_is_that_of_the_conditional_normal_law():
     """A sample variance has a relative error of sqrt(2 / n), clipping at 95 % takes a few per cent of all columns.
 
     Broken twin: the noise of the measurement left out.
     """
     tolerance = 0.03 + 5.0 * np.sqrt(2.0 / N)
-    np.testing.assert_allclose(remaining_variance(ASKED, SEEN, NOISE), exact(), atol=tolerance)
-    twin = remaining_variance(ASKED, SEEN, 0.0 * NOISE)
+    np.testing.assert_allclose(remaining_variance(TARGETS, MEASURED, NOISE), exact(), atol=tolerance)
+    twin = remaining_variance(TARGETS, MEASURED, 0.0 * NOISE)
     assert (twin < exact() - tolerance).any()
 
 
 def test_draws_that_reach_no_index_do_not_count():
-    asked, seen = ASKED.copy(), SEEN.copy()
-    asked[::7, 0], seen[::5, 1] = np.nan, np.nan
+    targets, measured = TARGETS.copy(), MEASURED.copy()
+    targets[::7, 0], measured[::5, 1] = np.nan, np.nan
     whole = (np.arange(N) % 7 > 0) & (np.arange(N) % 5 > 0)
-    np.testing.assert_allclose(
-        remaining_variance(asked, seen, NOISE), remaining_variance(ASKED[whole], SEEN[whole], NOISE), rtol=1e-12
-    )
+    expected = remaining_variance(TARGETS[whole], MEASURED[whole], NOISE)
+    np.testing.assert_allclose(remaining_variance(targets, measured, NOISE), expected, rtol=1e-12)
 
 
 def test_which_draws_reach_an_index_is_no_measurement():
-    """Those that miss it are the largest tenth of what is asked; the index itself has nothing to do with it."""
+    """The draws without the index have the largest tenth of the target; the index itself is independent of it."""
     rng = np.random.default_rng(5)
-    asked, seen = rng.standard_normal((N, 1)), rng.standard_normal((N, 1))
-    seen[asked[:, 0] > np.quantile(asked, 0.9)] = np.nan
-    assert remaining_variance(asked, seen, np.ones(1))[0] == pytest.approx(1.0, abs=5.0 / np.sqrt(N))
+    targets, measured = rng.standard_normal((N, 1)), rng.standard_normal((N, 1))
+    measured[targets[:, 0] > np.quantile(targets, 0.9)] = np.nan
+    assert remaining_variance(targets, measured, np.ones(1))[0] == pytest.approx(1.0, abs=5.0 / np.sqrt(N))
 
 
 @pytest.mark.parametrize("noise", [1e-6, 1.0])
 def test_a_few_draws_explain_nothing_by_chance(noise):
-    """Columns that have nothing to do with each other, 30 draws: all of the variance is left on average.
+    """Independent columns, 30 draws: all of the variance remains on average.
 
-    A share is at most 1, which takes a little of the mean. Broken twin: the share that is not corrected.
+    The fraction is clipped at 1, which lowers the mean a little. Broken twin: the fraction without the correction.
     """
     rng, left, plain = np.random.default_rng(3), [], []
     for _ in range(300):
-        asked, seen = rng.standard_normal((30, 1)), rng.standard_normal((30, 9))
-        left.append(remaining_variance(asked, seen, np.full(9, noise))[0])
-        a, s = asked - asked.mean(), seen - seen.mean(axis=0)
+        targets, measured = rng.standard_normal((30, 1)), rng.standard_normal((30, 9))
+        left.append(remaining_variance(targets, measured, np.full(9, noise))[0])
+        a, s = targets - targets.mean(), measured - measured.mean(axis=0)
         gain = np.linalg.solve(s.T @ s + 30 * noise**2 * np.eye(9), s.T @ a)
         plain.append(1.0 - float(np.sum(a * (s @ gain)) / np.sum(a**2)))
     assert np.mean(left) > 0.9
     assert np.mean(plain) < 0.88
 
 
-def test_nothing_is_told_by_nothing_by_what_is_the_same_for_all_or_by_too_few_draws():
-    np.testing.assert_array_equal(remaining_variance(ASKED, np.empty((N, 0)), np.empty(0)), np.ones(5))
-    np.testing.assert_allclose(remaining_variance(ASKED, np.ones((N, 1)), np.zeros(1)), np.ones(5), rtol=1e-3)
-    np.testing.assert_array_equal(remaining_variance(ASKED[:6], ENSEMBLE[:6], np.full(9, 1e-9)), np.ones(5))
+def test_nothing_is_explained_without_columns_by_constants_or_by_few_draws():
+    np.testing.assert_array_equal(remaining_variance(TARGETS, np.empty((N, 0)), np.empty(0)), np.ones(5))
+    np.testing.assert_allclose(remaining_variance(TARGETS, np.ones((N, 1)), np.zeros(1)), np.ones(5), rtol=1e-3)
+    np.testing.assert_array_equal(remaining_variance(TARGETS[:6], ENSEMBLE[:6], np.full(9, 1e-9)), np.ones(5))
 
 
 # the choice -----------------------------------------------------------------------------------------------------------
@@ -125,7 +124,7 @@ def plan(ship):
     return design(ship, STANDARD, 2)
 
 
-def test_after_zigzags_a_circle_tells_of_circles(ship):
+def test_after_zigzags_a_circle_reduces_the_intervals_of_circles(ship):
     plan = design(ship, [ps.zigzag(10, 10), CIRCLE], interest=[CIRCLE])
     assert plan["chosen"].item() == CIRCLE.label
     assert list(plan["target"].values) == [
@@ -138,7 +137,7 @@ def test_after_zigzags_a_circle_tells_of_circles(ship):
     assert ratio == pytest.approx(np.exp(np.mean(np.log(then / first))), rel=1e-12)
 
 
-def test_each_run_that_is_added_leaves_less(plan):
+def test_each_run_reduces_the_remaining_variance(plan):
     widths = plan["half_width"].values
     assert (widths[1] <= widths[0]).all()
     assert (widths[2] <= 1.1 * widths[1]).all()  # a correction for chance may raise what is known well
@@ -149,30 +148,30 @@ def test_each_run_that_is_added_leaves_less(plan):
 
 
 def test_the_first_half_width_is_that_of_the_forecast(ship, plan):
-    """1.96 sd of draws and model error beside half the interval of 95 % of a forecast; 60 draws."""
+    """1.96 sd of draws and model error against half the interval of 95 % of a forecast; 60 draws."""
     tree = ps.forecast(ship, CIRCLE, rng=1)
     lower, _, upper = tree["index_bands"]["advance"].values
-    found = plan["half_width"].sel(stage=0, target=f"{CIRCLE.label}, advance")
-    assert float(found) == pytest.approx(0.5 * (upper - lower), rel=0.35)
+    half_width = plan["half_width"].sel(stage=0, target=f"{CIRCLE.label}, advance")
+    assert float(half_width) == pytest.approx(0.5 * (upper - lower), rel=0.35)
 
 
-def test_half_widths_hold_the_whole_law_of_the_model_error():
-    """Ships that are all alike, nothing held out: a half-Cauchy law, whose interval of 95 % is wide.
+def test_half_widths_include_the_whole_law_of_the_model_error():
+    """Equal draws, no held-out run: a half-Cauchy law, whose interval of 95 % is wide.
 
     Broken twin: 1.96 of its median.
     """
     errors, zigzag = model_error([]), ps.zigzag(10, 10)
     one = ship_of(alike(), motion=motion_of(tanker(), [trial(zigzag)]), index_error=errors)
     plan = design(one, [zigzag], interest=[zigzag])
-    found = float(plan["half_width"].sel(stage=0, target="zigzag 10/10 port, initial turning distance"))
+    half_width = float(plan["half_width"].sel(stage=0, target="zigzag 10/10 port, initial turning distance"))
     size = 320.0 * errors["distance"]
     draws = np.random.default_rng(6).choice(size, 200_000) * np.random.default_rng(7).standard_normal(200_000)
-    assert found == pytest.approx(np.quantile(np.abs(draws), 0.95), rel=0.03)
-    assert found > 3.0 * 1.96 * np.median(size)
+    assert half_width == pytest.approx(np.quantile(np.abs(draws), 0.95), rel=0.03)
+    assert half_width > 3.0 * 1.96 * np.median(size)
 
 
 def test_errors_beyond_the_runs_end_where_the_next_run_goes():
-    """Ships that are all alike: what is left is the model error, which grows beyond the motion of the runs.
+    """Equal draws: only the model error remains, which grows beyond the motion of the runs.
 
     Broken twin: a zigzag does not go where the circle goes.
     """
@@ -185,36 +184,36 @@ def test_errors_beyond_the_runs_end_where_the_next_run_goes():
     np.testing.assert_allclose(twin["half_width"].values[1], first, rtol=0.02)
 
 
-def test_the_noise_of_a_run_leaves_more(ship):
-    """A zigzag is asked about, whose angles keep their error; the noise of a circle is in times and distances."""
-    asked = [ps.zigzag(20, 20)]
+def test_the_noise_of_a_run_increases_the_remaining_variance(ship):
+    """The target is a zigzag, whose angles keep their error; the noise of a circle is in times and distances."""
+    interest = [ps.zigzag(20, 20)]
     noisy = replace(ship, index_error=ship.index_error | {kind: np.full(1, 0.1) for kind in ("time", "distance")})
-    angles = [f"{asked[0].label}, {name} overshoot angle" for name in ("first", "second")]
-    quiet, loud = (design(one, [CIRCLE], interest=asked)["half_width"].sel(target=angles) for one in (ship, noisy))
+    angles = [f"{interest[0].label}, {name} overshoot angle" for name in ("first", "second")]
+    quiet, loud = (design(one, [CIRCLE], interest=interest)["half_width"].sel(target=angles) for one in (ship, noisy))
     np.testing.assert_allclose(quiet.sel(stage=0), loud.sel(stage=0), rtol=1e-9)
     assert (loud.sel(stage=1) > 1.1 * quiet.sel(stage=1)).all()
 
 
-def test_sensors_as_noisy_as_those_of_held_out_runs_leave_more(ship):
-    """They are no error of the ship: what is asked about is as sure as before until a run was sailed."""
-    asked = [ps.turning_circle(35, side="port")]
+def test_noisy_sensors_in_held_out_runs_increase_the_remaining_variance(ship):
+    """Sensor noise is no error of the ship: it does not change the half widths before the next run."""
+    interest = [ps.turning_circle(35, side="port")]
     sides = [("distance", 320.0), ("time", 320.0 / 7.974)]
     known = {"run": "1", "manoeuvre": "", "measured": 1.0}
     rows = [known | {"index": q, "kind": q, "measured_sd": 0.1 * scale, "scale": scale} for q, scale in sides]
     noisy = replace(ship, held_out_indices=index_table(rows))
-    quiet, loud = (design(one, [CIRCLE], interest=asked)["half_width"] for one in (ship, noisy))
+    quiet, loud = (design(one, [CIRCLE], interest=interest)["half_width"] for one in (ship, noisy))
     np.testing.assert_allclose(quiet.sel(stage=0), loud.sel(stage=0), rtol=1e-9)
     assert (loud.sel(stage=1) > 1.1 * quiet.sel(stage=1)).all()
 
 
-def test_steady_values_tell_nothing_while_nobody_knows_their_error(ship):
+def test_steady_values_of_unknown_error_are_no_data(ship):
     """The error of a steady yaw rate is that of held-out motion: without any its index is left out."""
     sure = replace(ship, motion_error=dict.fromkeys(("u", "v", "r"), np.array([1e-6])))
     unknown, known = (design(one, [ps.pull_out(20, 90)], interest=[CIRCLE]) for one in (ship, sure))
     assert float(known["width_ratio"][0, 0]) < 0.98 * float(unknown["width_ratio"][0, 0])
 
 
-def test_a_run_whose_indices_no_draw_reaches_tells_of_the_edge_alone(ship, monkeypatch):
+def test_a_run_without_reached_indices_adds_only_its_motion(ship, monkeypatch):
     monkeypatch.setattr(_Run, "reached_indices", lambda run, names: names if run.manoeuvre == CIRCLE else [])
     plan = design(ship, [ps.zigzag(10, 10)], interest=[CIRCLE])
     np.testing.assert_allclose(plan["half_width"][1], plan["half_width"][0], rtol=0.02)
@@ -254,7 +253,7 @@ def test_a_run_without_sea_room_is_not_chosen(ship, plan):
 # what is refused ------------------------------------------------------------------------------------------------------
 
 
-def test_wind_drifts_the_candidates_and_not_what_is_asked():
+def test_wind_drifts_the_candidates_and_not_the_targets():
     from tests.ships.sea_trials.cases import tanker as of_parts
 
     vessel = of_parts()
@@ -271,7 +270,7 @@ def test_wind_drifts_the_candidates_and_not_what_is_asked():
 
 
 class TestOfAPosterior:
-    """It has no laws of its errors: the typical ones of other ships take their place."""
+    """A ship without laws of its errors has the typical ones of other ships."""
 
     @pytest.fixture(scope="class")
     @classmethod
@@ -311,7 +310,7 @@ def test_the_summary_has_the_tactical_diameter_and_the_recommended_run(ship, pla
 
 
 @pytest.mark.slow
-def test_a_ship_that_was_identified_has_one():
+def test_an_identified_ship_has_a_summary():
     turns, advice = manoeuvring_summary(model().ship, np.random.default_rng(1)).sentences
     assert re.fullmatch(r"Tactical diameter of the turning circle of 35 deg: .* to port, .* to starboard\.", turns)
     widest = float(re.search(r"to (\S+) of their width", advice).group(1))

@@ -1,4 +1,4 @@
-"""Constants that other ships chose: each has its provenance, and what asks for the wrong kind is told."""
+"""Constants calibrated on other ships: provenance, and the error for the wrong kind."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pymc_ship.ships.ensemble.calibration import constant_by_kind, constant_valu
 
 
 @pytest.mark.parametrize("name", constants())
-def test_every_constant_says_what_it_is_and_who_chose_it(name):
+def test_every_constant_has_a_unit_and_a_source(name):
     one = constants()[name]
     assert one.about.endswith(".")
     assert one.unit
@@ -21,7 +21,7 @@ def test_every_constant_says_what_it_is_and_who_chose_it(name):
     assert all(value > 0.0 for value in values)
 
 
-def test_a_number_and_a_table_are_not_taken_for_each_other():
+def test_a_number_and_a_table_by_kind_are_not_exchanged():
     assert constant_value("index_extrapolation_sd") == 0.003
     assert constant_by_kind("index_typical")["time"] == 0.0021
     with pytest.raises(TypeError):
@@ -30,6 +30,6 @@ def test_a_number_and_a_table_are_not_taken_for_each_other():
         constant_by_kind("index_extrapolation_sd")
 
 
-def test_what_is_changed_in_an_answer_changes_no_other():
+def test_a_changed_copy_leaves_the_constant():
     constant_by_kind("motion_rise")["u"] = 9.0
     assert constant_by_kind("motion_rise")["u"] == 0.5

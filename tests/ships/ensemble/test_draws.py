@@ -42,7 +42,7 @@ def test_draws_repeat_only_where_the_posterior_has_too_few(container):
 
 
 def test_a_joint_posterior_is_drawn_in_whole_rows(container):
-    """Two coefficients of different DOFs that are one and the same stay so; drawn by DOF they come apart."""
+    """Two equal coefficients of different DOFs stay equal; drawn by DOF they are independent."""
     rng = np.random.default_rng(15)
     tree = joint(container, 60, rng, chains=3)
     draws = tree["posterior"]["coefficients"]
@@ -56,5 +56,5 @@ def test_a_joint_posterior_is_drawn_in_whole_rows(container):
         np.testing.assert_array_equal(drawn[:, second], 2.0 * drawn[:, first])
         rows = {tuple(row) for row in draws.values.reshape(60, -1)}
         assert {tuple(row) for row in drawn} <= rows
-    apart = coefficient_draws(container, dict.fromkeys(container.dofs, tree), 50, np.random.default_rng(16))
-    assert abs(np.corrcoef(apart[:, first], apart[:, second])[0, 1]) < 0.5
+    independent = coefficient_draws(container, dict.fromkeys(container.dofs, tree), 50, np.random.default_rng(16))
+    assert abs(np.corrcoef(independent[:, first], independent[:, second])[0, 1]) < 0.5

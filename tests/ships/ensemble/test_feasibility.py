@@ -1,4 +1,4 @@
-"""Models that run away are told from those that do not, each by the rule it breaks."""
+"""Feasible models and models that diverge, each by the limit it exceeds."""
 
 from __future__ import annotations
 
@@ -37,31 +37,31 @@ def extremes(row, manoeuvre, vessel=None):
     return float(speed.max()) / 7.974, float((abs(run["r"]) * 320.0 / speed).max())
 
 
-def test_the_shipped_model_is_sound():
-    found = is_feasible(tanker(), reference_coefficients(tanker())[None])
-    assert found.dtype == bool
-    assert found.tolist() == [True]
+def test_the_shipped_model_is_feasible():
+    feasible = is_feasible(tanker(), reference_coefficients(tanker())[None])
+    assert feasible.dtype == bool
+    assert feasible.tolist() == [True]
 
 
 @pytest.mark.parametrize("name", UNSOUND)
-def test_one_that_runs_away_is_not(name):
+def test_a_model_that_diverges_is_not_feasible(name):
     assert not is_feasible(tanker(), changed(**UNSOUND[name])[None])[0]
 
 
-def test_each_row_is_judged_by_itself():
+def test_each_row_is_tested_alone():
     rows = np.array([changed(), changed(**UNSOUND["turn on the spot"]), changed(Yv=-0.0225)])
     many = np.tile(rows, (12, 1))
     assert is_feasible(tanker(), many).tolist() == [True, False, True] * 12
 
 
-def test_a_ship_may_run_away_in_a_single_manoeuvre():
+def test_a_ship_may_diverge_in_one_manoeuvre_only():
     row = changed(**UNSOUND["resistance that stops it in a turn only"])
     assert extremes(row, ps.zigzag(20.0, 20.0)) is not None
     assert extremes(row, ps.turning_circle(35.0)) is None
     assert not is_feasible(tanker(), row[None])[0]
 
 
-def test_it_may_not_go_much_faster_than_it_came(monkeypatch):
+def test_the_speed_is_limited_by_the_approach_speed(monkeypatch):
     row = changed(Yv=0.15)
     fastest, _ = extremes(row, ps.zigzag(10.0, 10.0))
     assert fastest > 1.15
@@ -70,7 +70,7 @@ def test_it_may_not_go_much_faster_than_it_came(monkeypatch):
     assert is_feasible(tanker(), row[None])[0]
 
 
-def test_it_may_not_turn_within_its_own_length(monkeypatch):
+def test_the_radius_of_turn_is_limited(monkeypatch):
     row = changed(Ngsincos=-0.008)
     reached = [extremes(row, what) for what in (ps.zigzag(10.0, 10.0), ps.zigzag(20.0, 20.0), ps.turning_circle(35.0))]
     assert max(speed for speed, _ in reached) < 1.15
@@ -80,7 +80,7 @@ def test_it_may_not_turn_within_its_own_length(monkeypatch):
     assert is_feasible(tanker(), row[None])[0]
 
 
-def test_forces_that_hold_at_any_speed_may_turn_her_on_the_spot(monkeypatch):
+def test_a_model_valid_at_any_speed_may_turn_on_the_spot(monkeypatch):
     vessel = ps.with_terms(tanker(), "modular at any speed")
     row = reference_coefficients(vessel)
     assert max(extremes(row, what, vessel)[1] for what in soundness.STANDARD) > 2.0
@@ -91,7 +91,7 @@ def test_forces_that_hold_at_any_speed_may_turn_her_on_the_spot(monkeypatch):
     assert "turns on a radius below 0.5 L" in str(first_failure(vessel, row))
 
 
-def test_they_may_not_go_much_faster_than_they_came():
+def test_a_model_valid_at_any_speed_has_the_limit_of_speed():
     vessel = ps.with_terms(tanker(), "modular at any speed")
     row = reference_coefficients(vessel)
     row[coefficient_names(vessel).index("Xvv")] = 0.2

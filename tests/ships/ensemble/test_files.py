@@ -26,7 +26,7 @@ ROW = {
     **{"measured": 9.89731009365622, "forecast": 11.062129017656899, "parameter_sd": 0.8983950641682057},
     **{"model_sd": 0.0, "measured_sd": 0.024063652226282508, "scale": 19.89731009365622},
 }
-"""First held-out index as the versions that wrote the files had it."""
+"""First held-out index in the version that wrote the files."""
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ class TestEarlierFormats:
         rows = list(index_rows(ship.held_out_indices))
         assert len(rows) == 12
         assert rows[0] == ROW
-        assert repr(ship) == "Ship(kvlcc2: 1 model, 8 draws, errors beyond the draws from 2 held-out runs)"
+        assert repr(ship) == "Ship(kvlcc2: 1 model, 8 draws, model error from 2 held-out runs)"
 
     @pytest.mark.parametrize("number", sorted(MIGRATIONS))
     def test_the_error_of_the_motion_is_that_of_the_version_that_wrote_it(self, number):
@@ -142,8 +142,8 @@ class TestEarlierFormats:
 
     def test_an_earlier_ship_is_the_prior_of_new_runs(self):
         runs = [trial(ps.zigzag(10, 10, side="starboard"), seed=3, level=0.005)]
-        found = ps.identify_ship(runs, tanker(), prior=ps.load_ship(SAVED / "format_3"), draws=8, rng=1)
-        density = found.ship.likelihoods["hull and loading"].log_density
+        identification = ps.identify_ship(runs, tanker(), prior=ps.load_ship(SAVED / "format_3"), draws=8, rng=1)
+        density = identification.ship.likelihoods["hull and loading"].log_density
         assert density.size == 2 + 3  # windows of a lone run are held out in three parts
         assert density[:2].tolist() == [9.989009648832024, 8.596577658306643]
-        assert found.ship.held_out_indices.sizes["run"] == 2
+        assert identification.ship.held_out_indices.sizes["run"] == 2

@@ -1,4 +1,4 @@
-"""Model error of indices: by hand on a few rows, and put back onto simulated ships."""
+"""Model error of indices: few rows by hand, and added to simulated indices."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def row(kind, error, parameter_sd=0.0, model_sd=0.0, scale=1.0, measured_sd=0.0)
     }
 
 
-def test_the_spread_of_normal_draws_is_their_sd_whatever_a_few_of_them_do():
+def test_the_robust_sd_of_normal_draws_is_their_sd_despite_outliers():
     """68 % of a normal law lie within 0.9945 of its standard deviations."""
     draws = 3.0 + 2.0 * stats.norm.ppf((np.arange(1000) + 0.5) / 1000)
     assert robust_sd(draws) == pytest.approx(2.0, rel=0.01)
@@ -79,8 +79,8 @@ class TestModelError:
         for kind, sizes in model_error([]).items():
             assert sizes.size == SIZES
             expected = np.tan(0.5 * np.pi * np.array([0.25, 0.5, 0.75, 0.9]))
-            found = np.quantile(sizes, [0.25, 0.5, 0.75, 0.9], method="hazen") / TYPICAL[kind]
-            assert found == pytest.approx(expected, rel=0.02), kind
+            ratios = np.quantile(sizes, [0.25, 0.5, 0.75, 0.9], method="hazen") / TYPICAL[kind]
+            assert ratios == pytest.approx(expected, rel=0.02), kind
 
     def test_errors_of_a_known_size_are_found_again(self):
         """4000 rows with draws, models and a relative error of 5 %: the size within four of its own sd."""
@@ -92,33 +92,33 @@ class TestModelError:
         assert forgetful.mean() > 0.05 + 4.0 * forgetful.std()
 
     def test_what_the_draws_explain_is_no_model_error(self):
-        """Errors as large as the draws make them leave less than half the sizes of other ships above the median."""
+        """Errors as large as the sd of the draws: less than half of the sizes exceed the median of other ships."""
         rng = RNG(2)
         rows = [row("time", rng.standard_normal(), parameter_sd=1.0, scale=100.0) for _ in range(200)]
         upper = np.quantile(model_error(rows)["time"], 0.95)
         assert upper < 0.01 < np.quantile(model_error([])["time"], 0.95)
 
     def test_what_the_readings_leave_open_is_no_model_error(self):
-        """Measured indices that scatter by the noise of their readings say that the ship errs little.
+        """Measured indices that scatter by the noise of their readings give a small model error.
 
-        The broken twin knows nothing of the noise, and believes in an error of its size.
+        The broken twin has no noise of readings, and its model error is as large as the noise.
         """
         rng = RNG(5)
         rows = [row("angle", rng.standard_normal(), scale=1000.0, measured_sd=1.0) for _ in range(200)]
-        upper, typical = (np.quantile(model_error(seen)["angle"], 0.95) for seen in (rows, []))
+        upper, typical = (np.quantile(model_error(some_rows)["angle"], 0.95) for some_rows in (rows, []))
         assert upper < 0.001 < typical
         twin = model_error([one | {"measured_sd": 0.0} for one in rows])["angle"]
         assert np.median(twin) == pytest.approx(0.001, rel=0.25)
 
     def test_a_ship_has_one_size_in_all_kinds(self):
-        """Overshoots that err by ten times what is typical say as much of distances."""
-        found = model_error(errors_of(10.0 * TYPICAL["angle"], 400, RNG(3), parameter_sd=0.0, model_sd=0.0))
+        """Overshoots with ten times the typical error raise the error of distances as much."""
+        errors = model_error(errors_of(10.0 * TYPICAL["angle"], 400, RNG(3), parameter_sd=0.0, model_sd=0.0))
         for kind in SCORED_QUANTITIES:
-            assert found[kind] / TYPICAL[kind] == pytest.approx(found["angle"] / TYPICAL["angle"], rel=1e-12)
-        assert np.median(found["distance"]) == pytest.approx(10.0 * TYPICAL["distance"], rel=0.5)
+            assert errors[kind] / TYPICAL[kind] == pytest.approx(errors["angle"] / TYPICAL["angle"], rel=1e-12)
+        assert np.median(errors["distance"]) == pytest.approx(10.0 * TYPICAL["distance"], rel=0.5)
 
     def test_an_index_counts_for_a_part_as_it_errs_with_the_others_of_its_run(self):
-        """Four copies of an index, each a quarter, say as much as one that counts whole."""
+        """Four copies of an index of weight 1/4 give the law of one of weight 1."""
         one = [row("time", 0.5, parameter_sd=0.1, scale=10.0)]
         whole = root_mean_square(one, likelihood_weight=1.0)
         assert root_mean_square(4 * one, likelihood_weight=0.25) == pytest.approx(whole, rel=1e-9)
@@ -126,7 +126,7 @@ class TestModelError:
         assert LIKELIHOOD_WEIGHT < 1.0
 
     def test_one_large_error_of_a_single_run_is_not_taken_at_its_word(self):
-        """A circle forecast wrongly by 0.3 L from a single zigzag, whose draws say 0.15 L."""
+        """A circle forecast wrongly by 0.3 L from a single zigzag, with draws of sd 0.15 L."""
         lone = [row("distance", 0.3, parameter_sd=0.15)]
         many = [row("distance", sign * 0.3, parameter_sd=0.15) for sign in (1.0, -1.0)] * 40
         assert np.median(model_error(lone)["distance"]) < 0.02
@@ -134,8 +134,8 @@ class TestModelError:
 
     def test_an_index_that_is_hardly_known_does_not_wipe_out_the_others(self):
         rows = [row("time", sign * 1.0) for sign in (1.0, -1.0)] * 20
-        found = np.median(model_error(rows)["time"])
-        assert np.median(model_error([*rows, row("time", 0.1, parameter_sd=30.0)])["time"]) > 0.95 * found
+        median_size = np.median(model_error(rows)["time"])
+        assert np.median(model_error([*rows, row("time", 0.1, parameter_sd=30.0)])["time"]) > 0.95 * median_size
 
 
 class TestIndexSd:
@@ -181,7 +181,7 @@ class TestWithModelError:
         assert all(after[name].attrs == before[name].attrs for name in kind.indices)
 
     def test_a_draw_has_one_size_in_all_kinds(self):
-        """Large errors of a ship come together: the squares of two indices are correlated, their values are not."""
+        """One size for all indices of a ship: squares of two indices are correlated, their values are not."""
         errors = {kind: np.repeat([0.01, 0.2], 50) for kind in ERRORS}
         before = ships(ZIGZAG, heading_deg=20.0)
         after = with_model_error(before, errors, tanker(), RNG(2))
@@ -189,8 +189,8 @@ class TestWithModelError:
         first, second = (after[name].values - float(before[name][0]) for name in names)
         assert abs(np.corrcoef(first, second)[0, 1]) < 4.0 / np.sqrt(N)
         assert np.corrcoef(first**2, second**2)[0, 1] > 0.1
-        share = np.mean(np.abs(first) > 4.0 * 0.01 * 124.0)
-        assert share == pytest.approx(0.5 * 2.0 * stats.norm.sf(0.2), abs=4.0 * 0.5 / np.sqrt(N))
+        fraction = np.mean(np.abs(first) > 4.0 * 0.01 * 124.0)
+        assert fraction == pytest.approx(0.5 * 2.0 * stats.norm.sf(0.2), abs=4.0 * 0.5 / np.sqrt(N))
 
     def test_an_overshoot_measured_without_the_swing_would_be_narrower(self):
         """Broken twin: the heading left out of the attrs."""
@@ -278,19 +278,19 @@ class TestWithModelError:
         assert float(after["transfer"].min()) < 0.0 <= float(after["advance"].min())
 
 
-def test_no_probability_is_stated_beyond_the_runs_that_others_did_not_bear_out():
+def test_probabilities_beyond_the_runs_have_the_calibration_cap():
     assert reliability(0.0) == {}
-    found = reliability(0.3)
-    assert found["calibration_cap"] == pytest.approx((CALIBRATION_HITS + 1) / (CALIBRATION_TRIALS + 2))
-    assert 0.95 < found["calibration_cap"] < 0.995
+    attrs = reliability(0.3)
+    assert attrs["calibration_cap"] == pytest.approx((CALIBRATION_HITS + 1) / (CALIBRATION_TRIALS + 2))
+    assert 0.95 < attrs["calibration_cap"] < 0.995
     assert (
         f"of {CALIBRATION_TRIALS} statements of 99 % made so for other ships, {CALIBRATION_HITS} were correct"
-        in found["reliability"]
+        in attrs["reliability"]
     )
 
 
-def test_the_tables_of_the_population_bear_the_bound_out():
-    """The counts are those of the kept results of studies/ships.toml."""
+def test_the_calibration_counts_are_those_of_the_study():
+    """The counts are those of the results of studies/ships.toml."""
     path = Path(__file__).parents[3] / "reports" / "ships" / "tables" / "statements.csv"
     with path.open(encoding="utf-8", newline="") as file:
         (row,) = [

@@ -43,41 +43,41 @@ def units(vessel):
 
 
 def replays(vessel, rng, growth=GROWTH, spread=0.2):
-    """Ships that sail alike, and records that leave them with time; draws hold a part of it."""
-    time, size, found = time_of(vessel), units(vessel), []
+    """Equal simulations, and records whose error grows with time; draws contain a part of it."""
+    time, size, simulations = time_of(vessel), units(vessel), []
     for _ in range(RUNS):
         truth = np.zeros((8, TIMES))
         states = np.repeat(truth[:, None], DRAWS, axis=1)
         for name in ERROR_STATES:
-            sd, share = growth[name] * size[name], (time / time[-1]) ** RISE[name]
-            states[STATE.index(name)] += spread * sd * rng.standard_normal((DRAWS, 1)) * share
-            truth[STATE.index(name)] = np.sqrt(1.0 + spread**2) * sd * rng.standard_normal() * share
-        found.append(OpenLoopSimulation(time, states, truth, np.zeros(8)))
-    return found
+            sd, rise = growth[name] * size[name], (time / time[-1]) ** RISE[name]
+            states[STATE.index(name)] += spread * sd * rng.standard_normal((DRAWS, 1)) * rise
+            truth[STATE.index(name)] = np.sqrt(1.0 + spread**2) * sd * rng.standard_normal() * rise
+        simulations.append(OpenLoopSimulation(time, states, truth, np.zeros(8)))
+    return simulations
 
 
-def test_the_error_beyond_the_draws_is_found(tanker):
-    """Three hundred runs say it whatever ships are like; where nothing is beyond the draws there is little left."""
-    found = motion_error(replays(tanker, np.random.default_rng(1)), tanker)
+def test_the_error_beyond_the_draws_is_estimated(tanker):
+    """Of 300 runs the estimate is the true error; without an error beyond the draws it is small."""
+    sizes = motion_error(replays(tanker, np.random.default_rng(1)), tanker)
     none = motion_error(replays(tanker, np.random.default_rng(1), growth=dict.fromkeys(ERROR_STATES, 1e-9)), tanker)
     for name in ERROR_STATES:
-        assert found[name].shape == (SIZES,)
-        assert np.all(np.diff(found[name]) >= 0.0)
-        assert np.median(found[name]) == pytest.approx(GROWTH[name], rel=0.15), name
+        assert sizes[name].shape == (SIZES,)
+        assert np.all(np.diff(sizes[name]) >= 0.0)
+        assert np.median(sizes[name]) == pytest.approx(GROWTH[name], rel=0.15), name
         assert np.quantile(none[name], 0.9) < TYPICAL[name], name
 
 
-def test_few_replays_are_not_taken_at_their_word(tanker):
-    """One replay that errs ten times as much as is typical moves the law, and leaves it wide."""
+def test_one_simulation_leaves_the_law_wide(tanker):
+    """One simulation with ten times the typical error moves the law, and leaves it wide."""
     time, states, measured = time_of(tanker), np.zeros((8, DRAWS, TIMES)), np.zeros((8, TIMES))
     measured[STATE.index("u")] = 10.0 * TYPICAL["u"] * units(tanker)["u"]
-    found = motion_error([OpenLoopSimulation(time, states, measured, np.zeros(8))], tanker)["u"] / TYPICAL["u"]
-    assert 1.0 < np.median(found) < 10.0
-    assert np.quantile(found, 0.95) > 4.0 * np.median(found)
+    ratios = motion_error([OpenLoopSimulation(time, states, measured, np.zeros(8))], tanker)["u"] / TYPICAL["u"]
+    assert 1.0 < np.median(ratios) < 10.0
+    assert np.quantile(ratios, 0.95) > 4.0 * np.median(ratios)
 
 
-def test_draws_that_spread_widely_tell_nothing_of_the_error(tanker):
-    """The broken twin takes the excess of the squared error, which is none, for a ship that does not err."""
+def test_widely_scattered_draws_give_no_information_on_the_error(tanker):
+    """The broken twin, the excess of the squared error, is negative."""
     time, states = time_of(tanker), np.zeros((8, DRAWS, TIMES))
     wide = 100.0 * np.array([TYPICAL[name] * units(tanker)[name] for name in ERROR_STATES])
     states[[STATE.index(name) for name in ERROR_STATES]] = wide[:, None, None] * np.random.default_rng(
@@ -93,33 +93,33 @@ def test_draws_that_spread_widely_tell_nothing_of_the_error(tanker):
         assert excess < 0.0
 
 
-def test_without_a_held_out_run_it_is_that_of_foreign_ships(tanker):
-    found = motion_error([], tanker)
+def test_without_a_held_out_run_the_error_is_that_of_other_ships(tanker):
+    sizes = motion_error([], tanker)
     for name in ERROR_STATES:
-        assert np.median(found[name]) == pytest.approx(TYPICAL[name], rel=0.03)
-        assert np.mean(found[name] > 5.0 * TYPICAL[name]) == pytest.approx(0.126, abs=0.01)  # half-Cauchy
+        assert np.median(sizes[name]) == pytest.approx(TYPICAL[name], rel=0.03)
+        assert np.mean(sizes[name] > 5.0 * TYPICAL[name]) == pytest.approx(0.126, abs=0.01)  # half-Cauchy
 
 
-def test_bands_with_the_error_hold_new_runs_and_draws_alone_do_not(tanker):
+def test_bands_with_the_error_cover_new_runs_and_draws_alone_do_not(tanker):
     """Of 300 new runs 95 % lie inside the 95 % bands of heading, within four standard errors."""
-    found = motion_error(replays(tanker, np.random.default_rng(1)), tanker)
+    errors = motion_error(replays(tanker, np.random.default_rng(1)), tanker)
     row = STATE.index("psi")
 
     def coverage(error):
-        held = []
+        inside = []
         for one in replays(tanker, np.random.default_rng(2)):
             drawn = with_motion_error(one.states, one.time, error, tanker)[row, :, -1]
             low, high = np.quantile(drawn, [0.025, 0.975])
-            held.append(low <= one.measured[row, -1] <= high)
-        return np.mean(held)
+            inside.append(low <= one.measured[row, -1] <= high)
+        return np.mean(inside)
 
     se = np.sqrt(0.95 * 0.05 / RUNS)
-    assert coverage(found) == pytest.approx(0.95, abs=4.0 * se)
+    assert coverage(errors) == pytest.approx(0.95, abs=4.0 * se)
     assert coverage({}) < 0.95 - 8.0 * se
 
 
 def test_the_noise_of_readings_is_no_error_of_the_motion(tanker):
-    """The broken twin does not know of it, and takes it for the error of a ship that has none."""
+    """The broken twin has no noise of readings and takes it for model error."""
     rng, noise = (
         np.random.default_rng(3),
         np.array([10.0 * TYPICAL[name] * units(tanker)[name] for name in ERROR_STATES]),
@@ -127,18 +127,18 @@ def test_the_noise_of_readings_is_no_error_of_the_motion(tanker):
     rows = [STATE.index(name) for name in ERROR_STATES]
     blurred, unknown = [], []
     for one in replays(tanker, np.random.default_rng(1), growth=dict.fromkeys(ERROR_STATES, 1e-9)):
-        seen, sd = one.measured.copy(), np.zeros(8)
-        seen[rows] += noise[:, None] * rng.standard_normal((len(rows), TIMES))
+        readings, sd = one.measured.copy(), np.zeros(8)
+        readings[rows] += noise[:, None] * rng.standard_normal((len(rows), TIMES))
         sd[rows] = noise
-        blurred.append(one._replace(measured=seen, noise_sd=sd))
-        unknown.append(one._replace(measured=seen))
-    found, twin = (motion_error(seen, tanker) for seen in (blurred, unknown))
+        blurred.append(one._replace(measured=readings, noise_sd=sd))
+        unknown.append(one._replace(measured=readings))
+    errors, twin = (motion_error(records, tanker) for records in (blurred, unknown))
     for name in ERROR_STATES:
-        assert np.median(found[name]) < 1.1 * TYPICAL[name], name
+        assert np.median(errors[name]) < 1.1 * TYPICAL[name], name
         assert np.median(twin[name]) > 5.0 * TYPICAL[name], name
 
 
-def test_an_error_goes_on_to_grow_but_for_that_of_speeds(tanker):
+def test_errors_keep_growing_except_those_of_speeds(tanker):
     states, time = np.zeros((8, DRAWS, 3)), np.array([10.0, LEADS[-1], 4.0 * LEADS[-1]]) * tanker.particulars.ship_time
     drawn = with_motion_error(states, time, EXACT, tanker).std(axis=1)
     for name, longer in (("psi", 4.0), ("v", 1.0), ("x", 8.0)):
@@ -148,14 +148,14 @@ def test_an_error_goes_on_to_grow_but_for_that_of_speeds(tanker):
 
 
 def test_the_error_grows_with_the_distance_from_the_runs(tanker):
-    """A range beyond them from 5 L/U on: speeds err at once, the track the longer the ship stays there."""
+    """One range beyond the runs from 5 L/U on: an error of speeds at once, of the track growing with time."""
     states, time = np.zeros((8, 400, TIMES)), time_of(tanker)
     unit = units(tanker)
     beyond = np.where(time >= time[TIMES // 2], 1.0, 0.0)
-    found = with_motion_error(states, time, {}, tanker, beyond).std(axis=1)
-    assert not found[:, : TIMES // 2 - 1].any()
+    sd = with_motion_error(states, time, {}, tanker, beyond).std(axis=1)
+    assert not sd[:, : TIMES // 2 - 1].any()
     for name, stayed in (("u", 1.0), ("v", 1.0), ("r", 1.0), ("psi", 5.0), ("x", 5.0), ("y", 5.0)):
-        assert found[STATE.index(name), -1] == pytest.approx(
+        assert sd[STATE.index(name), -1] == pytest.approx(
             MOTION_EXTRAPOLATION_SD[name] * stayed * unit[name], rel=0.04
         ), name
     near, far = (with_motion_error(states, time, EXACT, tanker, k * beyond).std(axis=1) for k in (0.0, 3.0))
@@ -168,19 +168,19 @@ def test_the_error_grows_with_the_distance_from_the_runs(tanker):
 def test_a_mixture_has_the_quantiles_of_its_draws():
     rng, sd, p = np.random.default_rng(1), np.array([0.1, 0.1, 1.0, 20.0]), np.array([0.025, 0.3, 0.5, 0.8, 0.99])
     drawn = rng.choice(sd, 400_000) * rng.standard_normal(400_000)
-    found = mixture_quantiles(sd, p)
-    share = np.mean(drawn < found[:, None], axis=1)
-    np.testing.assert_allclose(share, p, atol=4.0 * 0.5 / np.sqrt(drawn.size))
+    expected = mixture_quantiles(sd, p)
+    fractions = np.mean(drawn < expected[:, None], axis=1)
+    np.testing.assert_allclose(fractions, p, atol=4.0 * 0.5 / np.sqrt(drawn.size))
     np.testing.assert_allclose(mixture_quantiles(np.array([2.0]), p), 2.0 * ndtri(p), rtol=1e-3, atol=1e-12)
 
 
-def test_runs_without_a_track_tell_nothing_of_it(tanker):
-    seen, none = replays(tanker, np.random.default_rng(1)), motion_error([], tanker)
-    for one in seen:
+def test_runs_without_a_track_give_no_information_on_it(tanker):
+    simulations, none = replays(tanker, np.random.default_rng(1)), motion_error([], tanker)
+    for one in simulations:
         one.measured[STATE.index("x")] = np.nan
-    found = motion_error(seen, tanker)
-    assert found["x"].tolist() == none["x"].tolist()
-    assert np.median(found["y"]) > 10.0 * np.median(none["y"])
+    errors = motion_error(simulations, tanker)
+    assert errors["x"].tolist() == none["x"].tolist()
+    assert np.median(errors["y"]) > 10.0 * np.median(none["y"])
 
 
 def test_no_error_leaves_the_motion(tanker):

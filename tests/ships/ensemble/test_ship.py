@@ -1,4 +1,4 @@
-"""A ship of a posterior, of a vessel file and of runs: what each knows, and that one forecast does for all three."""
+"""A ship from a posterior, a vessel file and runs; one forecast function serves all three."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class TestOfAPosterior:
         ship = ps.Ship.from_posterior(tanker(), tree, draws=60, rng=1)
         ((vessel, rows),) = ship.models
         assert vessel is ship.vessel is tanker()
-        held = tree["posterior"]["coefficients"].stack(sample=("chain", "draw")).transpose("sample", "coefficient")
-        np.testing.assert_array_equal(np.sort(rows, axis=0), np.sort(held.values, axis=0))
+        all_rows = tree["posterior"]["coefficients"].stack(sample=("chain", "draw")).transpose("sample", "coefficient")
+        np.testing.assert_array_equal(np.sort(rows, axis=0), np.sort(all_rows.values, axis=0))
         np.testing.assert_array_equal(ship.members[0].estimate, rows.mean(axis=0))
         np.testing.assert_allclose(ship.motion.values, motion_of(tanker(), [trial(ZIGZAG)]).values)
         assert ship.noise_sd == {"u": 0.1, "r": 1e-4}
@@ -69,7 +69,7 @@ class TestOfAVessel:
 
 
 class TestOneForecastForAll:
-    """Draws that are those of a vessel file, an identification without error or a posterior forecast one motion."""
+    """The same draws of a vessel file, an identification without error and a posterior give the same forecast."""
 
     @pytest.fixture(scope="class")
     @classmethod
@@ -105,7 +105,7 @@ class TestOneForecastForAll:
         np.testing.assert_array_equal(bands.sel(band="lower"), bands.sel(band="upper"))
 
     def test_a_draw_that_runs_away_is_left_out_of_runs_and_counted_of_a_posterior(self):
-        """One that the runs of a ship would not have shown; of a posterior nobody tried its draws before."""
+        """Infeasible draws are left out for an identification only."""
         rows = np.tile(reference_coefficients(tanker()), (10, 1))
         rows[3, coefficient_names(tanker()).index("Ngsincos")] *= 30.0
         known, unknown = (ps.forecast(ship_of((tanker(), rows), index_error=law), ZIGZAG, rng=1) for law in ({}, None))
@@ -114,20 +114,20 @@ class TestOneForecastForAll:
 
 
 class TestRepr:
-    """A notebook shows a line, not the arrays."""
+    """The repr is one line without arrays."""
 
     def test_it_names_the_ship_its_models_and_what_is_known_of_its_errors(self, tree):
-        assert repr(ps.Ship.from_vessel("kvlcc2")) == "Ship(kvlcc2: 1 model, 1 draws, errors beyond the draws unknown)"
+        assert repr(ps.Ship.from_vessel("kvlcc2")) == "Ship(kvlcc2: 1 model, 1 draws, model error unknown)"
         ship = ps.Ship.from_posterior(tanker(), tree, rng=1)
-        assert repr(ship) == "Ship(kvlcc2: 1 model, 300 draws, errors beyond the draws unknown)"
+        assert repr(ship) == "Ship(kvlcc2: 1 model, 300 draws, model error unknown)"
 
     @pytest.mark.slow
     def test_an_identification_and_its_ship_are_short(self):
-        found = model()
-        assert repr(found.ship) == "Ship(kvlcc2: 1 model, 40 draws, errors beyond the draws from 3 held-out runs)"
-        assert repr(found) == f"ShipIdentification(3 runs, 2 term sets, {found.ship!r})"
-        likelihoods = found.ship.likelihoods.values()
-        for one in (found, found.ship, *found.ship.members, *found.candidates, *likelihoods):
+        result = model()
+        assert repr(result.ship) == "Ship(kvlcc2: 1 model, 40 draws, model error from 3 held-out runs)"
+        assert repr(result) == f"ShipIdentification(3 runs, 2 term sets, {result.ship!r})"
+        likelihoods = result.ship.likelihoods.values()
+        for one in (result, result.ship, *result.ship.members, *result.candidates, *likelihoods):
             assert len(repr(one)) < 400, type(one)
 
 
@@ -137,7 +137,7 @@ def test_an_identification_in_place_of_its_ship_is_refused():
         ps.forecast(model(), ps.turning_circle(35.0), rng=1)
 
 
-def test_members_keep_their_shares_and_the_fullest_vessel_heads_the_ship():
+def test_members_keep_their_weights_and_the_vessel_is_that_with_most_dofs():
     rolling = ps.load_vessel("container")
     ship = ship_of((tanker(), np.zeros((3, 29))), (rolling, np.zeros((1, len(coefficient_names(rolling))))))
     assert [one.weight for one in ship.members] == [0.75, 0.25]

@@ -122,7 +122,7 @@ test_value_errors = wording(
     ("needs two draws or more, found 1; give a larger `draws`", lambda: of_posterior(draws=1)),
     ("found 1.0 for 'speed'; correct it", lambda: of_posterior(noise_sd={"speed": 1.0})),
     *(
-        ("standard deviation from 0 up for any of u, v, .* found", lambda noise=noise: of_posterior(noise_sd=noise))
+        ("finite and at least 0, for any of u, v, .* found", lambda noise=noise: of_posterior(noise_sd=noise))
         for noise in [{"u": -1.0}, {"u": np.nan}, {"u": np.inf}]
     ),
 )

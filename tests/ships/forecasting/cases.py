@@ -1,4 +1,4 @@
-"""Forecasts of manoeuvres and measured trials to set beside them."""
+"""Forecasts of manoeuvres, and measured trials to compare with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a forecast beside a measured trial: the numbers that are drawn."""
+"""Figures of a forecast with a measured trial: the numbers that are drawn."""
 
 from __future__ import annotations
 

@@ -19,14 +19,14 @@ class TestForceCurves:
     def test_a_curve_is_the_sum_of_the_terms_of_its_quantity(self, container):
         """N' along v' of the container ship is N_v v' + N_vvv v'^3 and the like, all else zero."""
         draws, v = scattered(container, 3), np.array([-0.2, 0.1])
-        found = force_draws(container, draws, "yaw", "v", v)
+        forces = force_draws(container, draws, "yaw", "v", v)
         names = [name for dof in container.dofs for name in container.coefficients(dof)["coefficient"].values]
         expected = 0.0
         for name, values in zip(names, draws.T, strict=True):
             factor = {"N0": 1.0 + 0.0 * v, "Nv": v, "Nvv": v**2, "Nvvv": v**3, "Nv|v|": v * np.abs(v)}.get(name)
             expected = expected + (0.0 if factor is None else np.outer(values, factor))
-        assert found.shape == (3, 2)
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
+        assert forces.shape == (3, 2)
+        np.testing.assert_allclose(forces, expected, rtol=1e-12)
 
     def test_bands_hold_the_share_and_structures_are_pooled(self, container):
         flat = unmodelled_roll_text(container)
@@ -60,8 +60,8 @@ class TestForceCurves:
         coefficient = container.forces["sway"][0]
         forces = {dof: tuple(replace(coefficient, name=name) for name in names) for dof, names in terms.items()}
         vessel = replace(container, forces=forces, propeller=propeller)
-        found = force_draws(vessel, np.arange(1.0, 7.0)[None], "yaw", "delta", np.array([0.2]))
-        assert found[0, 0] == pytest.approx(6.0 * np.sin(0.2) * np.cos(0.2))
+        forces = force_draws(vessel, np.arange(1.0, 7.0)[None], "yaw", "delta", np.array([0.2]))
+        assert forces[0, 0] == pytest.approx(6.0 * np.sin(0.2) * np.cos(0.2))
         assert force_draws(vessel, np.arange(1.0, 7.0)[None], "surge", "delta", np.array([0.2]))[0, 0] == pytest.approx(
             1.0
         )

@@ -37,16 +37,16 @@ def test_certainty_about_the_reference_forecasts_the_reference_ship(container, m
     }
     tree = posterior_forecast(container, posteriors, manoeuvre, draws=20, rng=np.random.default_rng(1), duration=300.0)
     ship = ps.simulate(container, manoeuvre, duration=300.0, step=0.02, record_interval=0.5)
-    found = ps.indices(ship)
+    expected = ps.indices(ship)
     for band in BANDS:
         for name in SIMULATED:
             np.testing.assert_allclose(tree["bands"][name].sel(band=band), ship[name], **SAME)
-        for name in found.data_vars:
-            np.testing.assert_allclose(tree["index_bands"][name].sel(band=band), found[name], **SAME)
+        for name in expected.data_vars:
+            np.testing.assert_allclose(tree["index_bands"][name].sel(band=band), expected[name], **SAME)
     assert tree.attrs["share_diverged"] == 0.0
 
 
-def test_every_instant_of_every_channel_has_the_band_asked_for(fan):
+def test_every_instant_of_every_channel_has_the_requested_band(fan):
     """The 5 and 95 % quantiles of 41 ships are the third from either end, so 37 lie between; the median is the 21st."""
     moving = fan["trajectories"].to_dataset().sel(time=slice(60.0, None))
     bands = fan["bands"].to_dataset().sel(time=slice(60.0, None))
@@ -81,7 +81,7 @@ def test_a_wider_probability_gives_wider_bands(container):
     np.testing.assert_array_equal(most[1], half[1])
 
 
-def test_the_share_of_diverged_ships_is_counted_and_bands_are_of_the_others(container):
+def test_diverged_draws_are_counted_and_bands_are_of_the_others(container):
     reference = container.coefficients("surge")
     draws = np.tile(reference.values, (10, 1))
     draws[[1, 4, 8], 0] = 5.0
@@ -136,7 +136,7 @@ def read_back(tree, sd, instants):
 
 
 @pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (1.05, False)])
-def test_measured_bands_of_a_ship_that_is_known_are_those_of_its_noise(container, factor, holds):
+def test_measured_bands_of_known_coefficients_are_those_of_the_noise(container, factor, holds):
     """The 5 and 95 % quantiles of n normal draws have the sd (p (1 - p) / n)^(1/2) / density: 0.067 sd for n = 1000.
 
     The mean of 2 x 160 of them has 0.0037 sd, that is 0.0023 of 1.645 sd; that order statistics lie a little inside
@@ -144,11 +144,11 @@ def test_measured_bands_of_a_ship_that_is_known_are_those_of_its_noise(container
     """
     tree = joint(container, 50, np.random.default_rng(18), spread=0.0)
     settings = {"draws": 1000, "duration": 80.0, "step": 0.1, "noise_sd": {"v": 0.05 * factor}}
-    found = posterior_forecast(container, tree, STEPS, rng=np.random.default_rng(19), **settings)
-    assert (abs(read_back(found, 0.05, slice(None)) - 1.0) < 4.0 * 0.0023 + 0.003) == holds
-    assert list(found["measured_bands"].data_vars) == ["v"]
-    assert found["measured_bands"]["v"].attrs["units"] == "m/s"
-    ship = found["bands"]["v"]
+    result = posterior_forecast(container, tree, STEPS, rng=np.random.default_rng(19), **settings)
+    assert (abs(read_back(result, 0.05, slice(None)) - 1.0) < 4.0 * 0.0023 + 0.003) == holds
+    assert list(result["measured_bands"].data_vars) == ["v"]
+    assert result["measured_bands"]["v"].attrs["units"] == "m/s"
+    ship = result["bands"]["v"]
     np.testing.assert_allclose(ship.sel(band="upper"), ship.sel(band="lower"), **SAME)
 
 
@@ -159,9 +159,9 @@ def test_noise_of_sensors_adds_to_the_uncertainty_of_the_coefficients_in_squares
     known = posterior_forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={}, **settings)
     late = slice(120.0, None)
     sd = float(known["trajectories"]["psi"].sel(time=late).std("draw").mean())
-    found = posterior_forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={"psi": sd}, **settings)
+    result = posterior_forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={"psi": sd}, **settings)
     only, both = (
-        (found[group]["psi"].sel(band="upper") - found[group]["psi"].sel(band="lower")).sel(time=late)
+        (result[group]["psi"].sel(band="upper") - result[group]["psi"].sel(band="lower")).sel(time=late)
         for group in ("bands", "measured_bands")
     )
     expected = np.sqrt(only**2 + (2.0 * 1.6448536 * sd) ** 2)
@@ -169,22 +169,22 @@ def test_noise_of_sensors_adds_to_the_uncertainty_of_the_coefficients_in_squares
     assert float((only / expected).mean()) < 0.8
 
 
-def test_noise_leaves_all_else_of_a_forecast_as_it_is(container, zigzag_trial):
+def test_noise_changes_only_the_measured_bands(container, zigzag_trial):
     rng = np.random.default_rng(22)
     tree = joint(container, 40, rng, trial=zigzag_trial, noise_sd={"u": 0.1, "r": 1e-3})
     settings = {"draws": 20, "duration": 60.0}
-    held, without, other, again = (
+    with_noise, without, other, again = (
         posterior_forecast(container, tree, ZIGZAG, rng=np.random.default_rng(23), **settings, **noise)
         for noise in ({}, {"noise_sd": {}}, {"noise_sd": {"r": 2e-3, "u": 0.1}}, {"noise_sd": {"u": 0.1, "r": 1e-3}})
     )
     assert sensor_noise(tree) == {"u": 0.1, "r": 1e-3}
     assert sensor_noise({"sway": tree}) == {}
     assert "measured_bands" not in without.children
-    xr.testing.assert_identical(held, again)
-    xr.testing.assert_identical(held["measured_bands"]["u"], other["measured_bands"]["u"])
-    assert not held["measured_bands"]["r"].equals(other["measured_bands"]["r"])
+    xr.testing.assert_identical(with_noise, again)
+    xr.testing.assert_identical(with_noise["measured_bands"]["u"], other["measured_bands"]["u"])
+    assert not with_noise["measured_bands"]["r"].equals(other["measured_bands"]["r"])
     for group in without.children:
-        xr.testing.assert_identical(without[group].to_dataset(), held[group].to_dataset())
+        xr.testing.assert_identical(without[group].to_dataset(), with_noise[group].to_dataset())
 
 
 def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(container):
@@ -206,46 +206,46 @@ def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(con
     assert turn["extrapolation"]["above"].dims == ("symbol",)
 
 
-def test_shares_outside_count_the_ships_that_run(container, zigzag_trial):
+def test_the_fraction_outside_counts_draws_that_have_not_diverged(container, zigzag_trial):
     """Three of ten ships diverge; the shares are of the others from then on."""
     tree = joint(container, 10, np.random.default_rng(26), trial=zigzag_trial)
     tree["posterior"]["coefficients"][0, [1, 4, 8], 0] = 5.0
-    found = posterior_forecast(container, tree, ZIGZAG, draws=10, rng=np.random.default_rng(27), duration=200.0)
-    ships = found["trajectories"].to_dataset()
+    result = posterior_forecast(container, tree, ZIGZAG, draws=10, rng=np.random.default_rng(27), duration=200.0)
+    ships = result["trajectories"].to_dataset()
     each = extrapolation(container, ships, fitted_motion(tree))
     running = ships["u"].notnull()
-    assert found.attrs["share_diverged"] == 0.3
+    assert result.attrs["share_diverged"] == 0.3
     assert int(running.isel(time=-1).sum()) == 7
-    over_time = found["extrapolation"].to_dataset()
+    over_time = result["extrapolation"].to_dataset()
     np.testing.assert_allclose(over_time["share_outside"], each["outside"].where(running).mean("draw"))
     np.testing.assert_allclose(over_time["distance"], each["distance"].median("draw"))
     np.testing.assert_allclose(over_time["highest"], each["highest"].median("draw"))
-    assert found.attrs["share_extrapolated"] == pytest.approx(float(each["outside"].where(running).mean()))
-    assert 0.02 < found.attrs["share_extrapolated"] < 0.9
+    assert result.attrs["share_extrapolated"] == pytest.approx(float(each["outside"].where(running).mean()))
+    assert 0.02 < result.attrs["share_extrapolated"] < 0.9
     assert 0.0 < float(over_time.attrs["median_distance"]) == each["distance"].where(each["outside"]).median()
 
 
 def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_trial):
     rng = np.random.default_rng(28)
     settings = {"draws": 4, "duration": 10.0}
-    held = joint(container, 4, rng, trial=zigzag_trial)
+    fitted = joint(container, 4, rng, trial=zigzag_trial)
     other = joint(container, 4, rng, trial=zigzag_trial.isel(time=slice(5000)))
-    unknown = ({}, joint(container, 4, rng), {"sway": scattered(container, "sway", 4, rng), "yaw": held})
-    for posteriors in (*unknown, {"sway": held, "yaw": other}):
+    unknown = ({}, joint(container, 4, rng), {"sway": scattered(container, "sway", 4, rng), "yaw": fitted})
+    for posteriors in (*unknown, {"sway": fitted, "yaw": other}):
         assert fitted_motion(posteriors) is None
-        found = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
-        assert "extrapolation" not in found.children
-        assert np.isnan(found.attrs["share_extrapolated"])
-        assert found.attrs["extrapolation"].startswith("Extrapolation is unknown: ")
-        assert draws_and_shares(found) == "4 draws, 0 % diverged"
-    for posteriors in (held, {"sway": held, "yaw": held}):
-        xr.testing.assert_identical(fitted_motion(posteriors), held["constant_data"]["motion"])
-        found = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
-        assert np.isfinite(found.attrs["share_extrapolated"])
+        result = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
+        assert "extrapolation" not in result.children
+        assert np.isnan(result.attrs["share_extrapolated"])
+        assert result.attrs["extrapolation"].startswith("Extrapolation is not assessed: ")
+        assert draws_and_shares(result) == "4 draws, 0 % diverged"
+    for posteriors in (fitted, {"sway": fitted, "yaw": fitted}):
+        xr.testing.assert_identical(fitted_motion(posteriors), fitted["constant_data"]["motion"])
+        result = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
+        assert np.isfinite(result.attrs["share_extrapolated"])
 
 
 class TestShipsThatRollAndShipsThatDoNot:
-    """Term sets with roll weigh little: their draws make a band once one lies beyond either end of it."""
+    """Term sets with roll have few draws: these give a band once one draw is beyond either end of it."""
 
     @pytest.fixture(scope="class")
     @classmethod

@@ -62,17 +62,17 @@ def measured():
 def page(tmp_path_factory):
     out = tmp_path_factory.mktemp("page")
     record = xr.DataArray(np.zeros((3, 6)), dims=("row", "symbol"), coords={"symbol": list(SYMBOLS)})
-    said = []
+    messages = []
     path = write_forecast_page(
         ship_of((vessel(), scattered(vessel(), 6)), motion=record, remarks=(REMARK,)),
         forecasts(),
         out,
         measured=measured(),
         command=COMMAND,
-        progress=said.append,
+        progress=messages.append,
     )
     assert path == out / "forecast.html"
-    assert said[0] == "drawing zigzag 10/10 port"
+    assert messages[0] == "drawing zigzag 10/10 port"
     return path
 
 
@@ -110,7 +110,7 @@ def test_the_verdict_of_every_manoeuvre_heads_the_page(page):
         assert (row["verdict"][0].upper() + row["verdict"][1:]) in unescape(text)
 
 
-def test_every_manoeuvre_has_its_numbers_shares_and_figures(page):
+def test_every_manoeuvre_has_its_numbers_and_figures(page):
     text = page.read_text(encoding="utf-8")
     sections = dict(re.findall(r'<section id="(forecast_[^"]+)">(.*?)</section>', text, re.S))
     assert list(sections) == ["forecast_zigzag_10_10_port", "forecast_turning_circle_35_port"]
@@ -122,7 +122,7 @@ def test_every_manoeuvre_has_its_numbers_shares_and_figures(page):
             assert text.count(figure) == 1
             assert (figure in section) == (f"{name}_{kind}" != first)
     assert "24 draws, 25 % diverged. 60 % of the instants lie outside." in sections["forecast_turning_circle_35_port"]
-    assert "24 draws, 0 % diverged. Extrapolation is unknown" in sections["forecast_zigzag_10_10_port"]
+    assert "24 draws, 0 % diverged. Extrapolation is not assessed" in sections["forecast_zigzag_10_10_port"]
     tree = forecasts()["turning circle 35 port"]
     lower, median, upper = (f"{float(value) / L:.2f}" for value in tree["index_bands"]["tactical_diameter"])
     rows = {row[0]: row for row in cells(sections["forecast_turning_circle_35_port"])}
@@ -162,7 +162,7 @@ def test_the_page_is_whole_and_fetches_nothing(page):
     assert len(ids) == len(set(ids))
 
 
-def test_tables_and_figures_stand_beside_the_page(page):
+def test_tables_and_figures_are_in_the_folder_of_the_page(page):
     names = ["zigzag_10_10_port", "turning_circle_35_port"]
     drawn = {f"forecast_{n}_{kind}.png" for n in names for kind in ("track", "heading_and_rudder", "motion")}
     assert {path.name for path in (page.parent / "figures").iterdir()} == drawn | {"forecast_forces.png"}
@@ -177,7 +177,7 @@ def test_tables_and_figures_stand_beside_the_page(page):
     assert float(row["median"]) == pytest.approx(float(tree["index_bands"]["advance"].sel(band="median")) / L, rel=1e-5)
 
 
-def test_measured_indices_stand_beside_the_forecast_with_error_and_coverage():
+def test_measured_indices_have_error_and_coverage():
     name = "turning circle 35 port"
     tree, run = forecasts()[name], trial(vessel(), *MANOEUVRES["port"])[0]
     exact = ps.indices(run)
@@ -194,7 +194,7 @@ def test_measured_indices_stand_beside_the_forecast_with_error_and_coverage():
 
 
 @pytest.mark.parametrize("aside", [-L, L])
-def test_an_interval_beside_the_measurement_does_not_cover_it(aside):
+def test_an_interval_that_misses_the_measurement_does_not_cover_it(aside):
     tree = forecasts()["turning circle 35 port"].copy(deep=True)
     tree["index_bands"]["advance"].values[:] += aside
     rows = {row["index"]: row for row in index_rows(tree, vessel(), measured()["turning circle 35 port"])}
@@ -262,7 +262,7 @@ def test_the_same_page_twice_and_files_of_an_earlier_page_go(tmp_path):
 
 
 @pytest.mark.usefixtures("_plain")
-def test_names_that_make_the_same_file_are_told_apart(tmp_path):
+def test_names_with_the_same_file_name_get_numbers(tmp_path):
     same = dict.fromkeys(("a b", "a/b", "<i>Ü", "forces"), steps())
     write_forecast_page(vessel(), same, tmp_path, command="")
     tracks = {path.name for path in (tmp_path / "figures").glob("*_track.png")}
@@ -270,7 +270,7 @@ def test_names_that_make_the_same_file_are_told_apart(tmp_path):
     assert "&lt;i&gt;Ü" in (tmp_path / "forecast.html").read_text(encoding="utf-8")
 
 
-def test_what_does_not_fit_is_said_before_anything_is_written(tmp_path):
+def test_errors_come_before_any_file_is_written(tmp_path):
     out = tmp_path / "new"
     with refused(ValueError, "stops"):
         write_forecast_page(vessel(), {"steps": steps()}, out, measured={"stops": None}, command="")

@@ -1,4 +1,4 @@
-"""Steady turns and what a spiral says of them."""
+"""Steady turns and the spiral."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def kvlcc2():
 
 
 @pytest.mark.parametrize("kind", ["kvlcc2", "container", "parts"])
-def test_a_turn_that_is_sailed_ends_on_the_curve(kind, kvlcc2):
+def test_a_simulated_turn_ends_on_the_curve(kind, kvlcc2):
     vessel = ps.with_terms(kvlcc2, "modular") if kind == "parts" else ps.load_vessel(kind)
     turns = turns_of(vessel).isel(draw=0)
     for side, sign in (("starboard", 1.0), ("port", -1.0)):
@@ -37,8 +37,8 @@ def test_a_turn_that_is_sailed_ends_on_the_curve(kind, kvlcc2):
         half = turns.where(sign * turns["rate"] > 0.1, drop=True)
         order = np.argsort(half["delta"].values)
         for name, last in (("r", np.rad2deg(run["r"][-1])), ("speed", np.hypot(run["u"], run["v"])[-1])):
-            found = np.interp(-sign * 20.0, half["delta"].values[order], half[name].values[order])
-            assert found == pytest.approx(float(last), rel=5e-3)
+            interpolated = np.interp(-sign * 20.0, half["delta"].values[order], half[name].values[order])
+            assert interpolated == pytest.approx(float(last), rel=5e-3)
 
 
 def test_a_ship_has_a_loop_where_a_straight_course_is_unstable(kvlcc2):
@@ -49,12 +49,12 @@ def test_a_ship_has_a_loop_where_a_straight_course_is_unstable(kvlcc2):
     names = coefficient_names(kvlcc2)
     draws[:, [names.index(name) for name in names if name[1:] in ("0", "|r|", "g|r|")]] = 0.0  # sides alike
     growth = growth_rates(kvlcc2, draws, kvlcc2.particulars.nominal_speed)
-    found = spiral_indices(turns_of(kvlcc2, draws))
-    unstable = found["loop_width"].values > 0.0
+    spiral = spiral_indices(turns_of(kvlcc2, draws))
+    unstable = spiral["loop_width"].values > 0.0
     np.testing.assert_array_equal(unstable, growth > 0.0)
     assert 2 < unstable.sum() < 8
-    assert (np.diff(found["loop_width"].values[unstable]) < 0.0).all()
-    sides = [found[f"residual_rate_{side}"].values[unstable] for side in ("starboard", "port")]
+    assert (np.diff(spiral["loop_width"].values[unstable]) < 0.0).all()
+    sides = [spiral[f"residual_rate_{side}"].values[unstable] for side in ("starboard", "port")]
     np.testing.assert_allclose(*sides, rtol=1e-3)
     run = ps.simulate(
         kvlcc2,
@@ -74,7 +74,7 @@ def test_a_rudder_beyond_its_range_is_not_shown(kvlcc2):
     assert np.abs(turns["delta"].values[known]).max() <= 40.0
 
 
-def test_a_ship_without_balance_is_said():
+def test_the_sentence_without_a_steady_course():
     vessel = ps.load_vessel("kvlcc2")
     lost = turns_of(vessel, np.full((1, reference_coefficients(vessel).size), np.nan))
     assert np.isnan(spiral_indices(lost)["loop_width"]).all()
@@ -86,7 +86,7 @@ def test_limits_of_the_loop():
     assert [largest_loop(unit) for unit in (5.0, 9.0, 30.0, 45.0, 100.0)] == [0.0, 0.0, 7.0, 12.0, 12.0]
 
 
-def test_the_sentence_has_shares_and_widths(kvlcc2):
+def test_the_sentence_has_probabilities_and_widths(kvlcc2):
     draws = np.tile(reference_coefficients(kvlcc2), (4, 1))
     draws[:2, coefficient_names(kvlcc2).index("Nr")] -= 0.004
     text = spiral_sentence(turns_of(kvlcc2, draws))

@@ -1,4 +1,4 @@
-"""The stopping test: indices of simulated ships, and what is said of them."""
+"""The stopping test: indices of draws, sentence and table."""
 
 import numpy as np
 import pytest
@@ -33,9 +33,9 @@ def without_push(tanker):
     return at
 
 
-def test_a_ship_on_a_straight_line_stops_as_thrust_and_resistance_say(tanker):
+def test_a_ship_on_a_straight_line_stops_by_thrust_and_resistance(tanker):
     at, s = without_push(tanker), tanker.particulars
-    found = stopping(ship_of((tanker, at)), astern=1.0, reversal=30.0)
+    stop = stopping(ship_of((tanker, at)), astern=1.0, reversal=30.0)
     m = tanker.m + at[coefficient_names(tanker).index("m_x")]
 
     def slowed(t, state):
@@ -52,9 +52,9 @@ def test_a_ship_on_a_straight_line_stops_as_thrust_and_resistance_say(tanker):
 
     still.terminal = True
     run = solve_ivp(slowed, (0.0, 5000.0), [0.0, s.nominal_speed], events=still, max_step=10.0, rtol=1e-8)
-    assert found["stopping_time"].item() == pytest.approx(run.t[-1], rel=2e-3)
-    assert found["track_reach"].item() == pytest.approx(run.y[0, -1], rel=1e-3)
-    assert found["head_reach"].item() == pytest.approx(found["track_reach"].item(), rel=1e-3)
+    assert stop["stopping_time"].item() == pytest.approx(run.t[-1], rel=2e-3)
+    assert stop["track_reach"].item() == pytest.approx(run.y[0, -1], rel=1e-3)
+    assert stop["head_reach"].item() == pytest.approx(stop["track_reach"].item(), rel=1e-3)
 
 
 def test_more_revolutions_astern_stop_sooner_and_a_late_engine_later(tanker):
@@ -64,7 +64,7 @@ def test_more_revolutions_astern_stop_sooner_and_a_late_engine_later(tanker):
     assert late > reach[1] + 100.0
 
 
-def test_a_ship_is_no_longer_shown_once_she_stopped(drawn):
+def test_the_track_ends_where_the_ship_stops(drawn):
     for k, when in enumerate(drawn["stopping_time"].values):
         u = drawn["u"].isel(draw=k).values
         running = np.isfinite(u)
@@ -79,7 +79,7 @@ def test_ships_that_push_to_port_end_on_different_sides(drawn):
 
 
 def test_a_right_handed_screw_swings_the_bow_to_starboard(tanker, drawn):
-    """Nearly every drawn ship; without side force and moment astern the ship goes straight on."""
+    """Nearly every draw; without side force and moment astern the ship keeps its course."""
     swung = drawn["heading_change"].values
     assert np.median(swung) > 20.0
     assert 0.7 < np.mean(swung > 0.0) < 1.0
@@ -91,7 +91,7 @@ def test_a_right_handed_screw_swings_the_bow_to_starboard(tanker, drawn):
     assert abs(straight) < 1e-6
 
 
-def test_what_is_said_is_in_the_table(drawn):
+def test_the_sentence_agrees_with_the_table(drawn):
     rows = {row["index"]: row for row in stopping_rows(drawn)}
     assert set(rows) == {name.replace("_", " ") for name in INDICES}
     reach = rows["track reach"]
@@ -99,18 +99,18 @@ def test_what_is_said_is_in_the_table(drawn):
     assert 5.0 < reach["lower"] < reach["median"] < reach["upper"] < 40.0
     text = stopping_sentence(drawn)
     assert f"track reach {reach['median']:.1f} L ({reach['lower']:.1f} to {reach['upper']:.1f})" in text
-    share = np.mean(drawn["track_reach"].values / 320.0 <= 15.0)
-    assert f"within the 15 L of IMO MSC.137(76) with probability {share:.2f}" in text
+    fraction = np.mean(drawn["track_reach"].values / 320.0 <= 15.0)
+    assert f"within the 15 L of IMO MSC.137(76) with probability {fraction:.2f}" in text
 
 
-def test_a_ship_that_does_not_stop_counts_against_her(tanker):
+def test_a_draw_that_does_not_stop_does_not_conform(tanker):
     at = np.tile(reference_coefficients(tanker), (2, 1))
     at[1, coefficient_names(tanker).index("T_nn")] = -0.5
-    found = stopping(ship_of((tanker, at)), astern=1.0)
-    assert np.isfinite(found["track_reach"].values).tolist() == [True, False]
-    assert "with probability 0.50" in stopping_sentence(found)
-    assert stopping_sentence(found).endswith("50 % of the draws do not stop.")
-    assert stopping_sentence(found.isel(draw=[1])) == "No draw stops with 1 1/s astern."
+    stop = stopping(ship_of((tanker, at)), astern=1.0)
+    assert np.isfinite(stop["track_reach"].values).tolist() == [True, False]
+    assert "with probability 0.50" in stopping_sentence(stop)
+    assert stopping_sentence(stop).endswith("50 % of the draws do not stop.")
+    assert stopping_sentence(stop.isel(draw=[1])) == "No draw stops with 1 1/s astern."
 
 
 def test_the_figure_has_tracks_and_speeds(drawn):

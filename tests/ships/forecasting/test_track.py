@@ -1,4 +1,4 @@
-"""The track of a forecast: hull, median ship, and what is drawn beside a measured trial."""
+"""The track of a forecast: outline, median ship, and a measured trial."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class TestHull:
 
 class TestMedianShip:
     def test_it_is_the_ship_with_the_median_indices(self):
-        """Ships of one family: the one in the middle, in whatever order they come."""
+        """The median ship of ordered draws is the middle one, in any order."""
         vessel = ps.load_vessel("container")
         factors = np.array([1.04, 0.98, 1.0, 1.02, 0.96])
         tree = forecast(vessel, MANOEUVRES["port"][0], 300.0, np.outer(factors, scattered(vessel, 1, 0.0)[0]))
@@ -98,9 +98,9 @@ class TestTrack:
             key = name.replace(" ", "_")
             lower, median, upper = (f"{float(value) / L:.2f}" for value in tree["index_bands"][key])
             measured = float(ps.indices(run)[key]) / L
-            first, interval, beside = text.get_text().split("\n")
+            first, interval, measured_line = text.get_text().split("\n")
             assert (first, interval) == (f"{name} {median} L", f"({lower} to {upper})")
-            assert float(beside.split()[1]) == pytest.approx(measured, abs=0.011)
+            assert float(measured_line.split()[1]) == pytest.approx(measured, abs=0.011)
         arrows = {tuple(np.round(np.subtract(text.xy, text.xyann), 9)) for text in ax.texts if not text.get_text()}
         x, y = labelled(ax, "90° of heading").get_xydata()[0]
         width = labelled(ax, "180° of heading").get_xydata()[0][0]

@@ -1,4 +1,4 @@
-"""A tanker of parts whose true coefficients are known, her draws as if she had been identified, and a day at sea."""
+"""A modular tanker of known coefficients, draws as of an identification, and records of a trial."""
 
 from dataclasses import replace
 from functools import cache
@@ -17,7 +17,7 @@ STEP = 0.5
 
 @cache
 def tanker():
-    """The shipped tanker with areas above the water, made of parts that hold at any speed."""
+    """The tanker of the package with windage, modular at any speed."""
     vessel = replace(ps.load_vessel("kvlcc2"), windage=Windage(frontal_area=1160.0, lateral_area=4260.0))
     return ps.with_terms(vessel, "modular at any speed")
 
@@ -33,12 +33,12 @@ def draws(n=60, seed=3):
 
 @cache
 def ship():
-    """What `load_ship` would give of her."""
+    """The ship of these draws, without index error."""
     motion = xr.DataArray(np.zeros((2, 1)), {"symbol": ["u"]}, ("row", "symbol"))
     return ship_of((tanker(), draws()), motion=motion, index_error={})
 
 
-def sailed(manoeuvre, duration, *, wind=WIND, current=CURRENT, vessel=None):
+def run_record(manoeuvre, duration, *, wind=WIND, current=CURRENT, vessel=None):
     """Record of a run at a base course of 0, with the wind measured where there is any."""
     run = ps.simulate(vessel or tanker(), manoeuvre, duration=duration, step=STEP, wind=wind, current=current)
     measured = {}

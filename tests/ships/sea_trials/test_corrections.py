@@ -1,4 +1,4 @@
-"""Current, wind and loading taken off: what is left is what the ship does in calm, at full load."""
+"""Corrections for current, wind and loading give the indices in calm at full load."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from pymc_ship.ships.sea_trials.corrections import mean_wind
 from pymc_ship.ships.sea_trials.current import drift_current
 from pymc_ship.trial.record import OVER_GROUND
 from tests.ships.ensemble.cases import ship_of
-from tests.ships.sea_trials.cases import CURRENT, WIND, sailed, ship, tanker
+from tests.ships.sea_trials.cases import CURRENT, WIND, run_record, ship, tanker
 
 CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
 
@@ -22,7 +22,7 @@ CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
 def day():
     """Two turns and two zigzags in wind and current, read by noisy sensors."""
     rng = np.random.default_rng(5)
-    runs = {"circle": sailed(CIRCLE, 2400), "zigzag": sailed(ZIGZAG, 1200)}
+    runs = {"circle": run_record(CIRCLE, 2400), "zigzag": run_record(ZIGZAG, 1200)}
     sd = {"x": 1.0, "y": 1.0, "psi": 0.002, "r": 2e-4, "u": 0.03, "v": 0.03}
     return {
         name: run.assign({key: run[key] + s * rng.standard_normal(run.sizes["time"]) for key, s in sd.items()})
@@ -30,19 +30,19 @@ def day():
     }
 
 
-def rows_of(found, run):
-    return {row["index"]: row for row in found.indices if row["run"] == run}
+def rows_of(result, run):
+    return {row["index"]: row for row in result.indices if row["run"] == run}
 
 
 @pytest.fixture(scope="module")
 def calm():
-    """What the ship does in calm, distances in L."""
-    found = {}
+    """Indices in calm, distances in L."""
+    calm_indices = {}
     for name, manoeuvre, duration in (("circle", CIRCLE, 2400), ("zigzag", ZIGZAG, 1200)):
-        ds = ps.indices(sailed(manoeuvre, duration, wind=None, current=None))
+        ds = ps.indices(run_record(manoeuvre, duration, wind=None, current=None))
         L = tanker().particulars.L
-        found[name] = {k: float(ds[k]) / (L if ds[k].attrs["units"] == "m" else 1.0) for k in ds}
-    return found
+        calm_indices[name] = {k: float(ds[k]) / (L if ds[k].attrs["units"] == "m" else 1.0) for k in ds}
+    return calm_indices
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +61,8 @@ def corrected(day):
         ("zigzag", "initial_turning_distance"),
     ],
 )
-def test_what_is_left_is_the_ship_in_calm(corrected, calm, run, index):
-    """Within three standard uncertainties; the index as measured is further off than they are."""
+def test_corrected_indices_are_those_of_the_ship_in_calm(corrected, calm, run, index):
+    """Within three standard uncertainties; the error of the index as measured is larger."""
     row = rows_of(corrected, run)[index]
     error = row["corrected"] - calm[run][index]
     assert abs(error) < 3.0 * row["u_c"] + 0.02 * abs(calm[run][index])
@@ -74,17 +74,17 @@ def measured(day):
     return ps.sea_trial(day, tanker(), rng=1)
 
 
-def test_without_a_ship_the_wind_stays_and_no_uncertainty_is_claimed(measured):
-    found = measured
-    row = rows_of(found, "circle")["advance"]
+def test_without_a_ship_wind_is_not_corrected_and_the_uncertainty_unknown(measured):
+    result = measured
+    row = rows_of(result, "circle")["advance"]
     assert row["ratio"] == 1.0
     assert np.isnan(row["U"])
     assert np.isnan(row["u_model"])
     assert row["conformity"] == "met as measured"
-    assert "The indices are not corrected for wind: that needs an identified ship." in found.remarks
+    assert "The indices are not corrected for wind: that needs an identified ship." in result.remarks
 
 
-def test_an_index_that_the_model_does_not_reach_claims_no_uncertainty(monkeypatch, day):
+def test_an_index_that_the_model_does_not_reach_has_no_uncertainty(monkeypatch, day):
     monkeypatch.setattr(corrections, "_ratios", lambda *given: {"advance": np.full(5, 1.1)})
     rows = rows_of(ps.sea_trial({"circle": day["circle"]}, tanker(), ship=ship(), rng=1), "circle")
     assert rows["advance"]["ratio"] == 1.1
@@ -93,28 +93,28 @@ def test_an_index_that_the_model_does_not_reach_claims_no_uncertainty(monkeypatc
     assert np.isnan(rows["transfer"]["U"])
 
 
-def test_without_a_turn_distances_claim_no_uncertainty_but_angles_do():
-    found = ps.sea_trial({"zigzag": sailed(ZIGZAG, 1200, wind=None)}, tanker(), rng=1)
-    rows = rows_of(found, "zigzag")
+def test_without_a_turn_angles_have_an_uncertainty_and_distances_none():
+    result = ps.sea_trial({"zigzag": run_record(ZIGZAG, 1200, wind=None)}, tanker(), rng=1)
+    rows = rows_of(result, "zigzag")
     assert np.isnan(rows["initial_turning_distance"]["U"])
     assert np.isfinite(rows["first_overshoot_angle"]["U"])
-    assert any("as no run gives it" in remark for remark in found.remarks)
+    assert any("as no run gives it" in remark for remark in result.remarks)
 
 
 def test_a_zigzag_takes_the_current_of_the_turn(measured):
-    found = measured
-    np.testing.assert_array_equal(found.currents["zigzag"].velocity, found.currents["circle"].velocity)
+    result = measured
+    np.testing.assert_array_equal(result.currents["zigzag"].velocity, result.currents["circle"].velocity)
 
 
 def test_another_loading_is_that_of_a_ship_as_far_from_its_formulae(calm):
-    """R = T F / B of a ship in calm is F itself: she is drawn at both draughts by the same deviations."""
+    """In calm R = T F / B is F: the draws have the same standardised deviations at both draughts."""
     light = replace(tanker(), particulars=replace(tanker().particulars, d=15.0, volume=222000.0), derived={})
     light = ps.with_terms(replace(light, m=0.0136, parameters=(), parts=()), "modular at any speed")
     one = replace(ship(), members=ship_of((light, np.array([[c.value for c in light.parameters]] * 2))).members)
-    run = sailed(CIRCLE, 2400, wind=None, current=None, vessel=light)
-    found = rows_of(ps.sea_trial({"circle": run}, light, ship=one, full_load=tanker(), rng=1), "circle")
-    assert found["tactical_diameter"]["corrected"] == pytest.approx(calm["circle"]["tactical_diameter"], rel=0.01)
-    assert abs(found["tactical_diameter"]["raw"] / calm["circle"]["tactical_diameter"] - 1.0) > 0.03
+    run = run_record(CIRCLE, 2400, wind=None, current=None, vessel=light)
+    result = rows_of(ps.sea_trial({"circle": run}, light, ship=one, full_load=tanker(), rng=1), "circle")
+    assert result["tactical_diameter"]["corrected"] == pytest.approx(calm["circle"]["tactical_diameter"], rel=0.01)
+    assert abs(result["tactical_diameter"]["raw"] / calm["circle"]["tactical_diameter"] - 1.0) > 0.03
 
 
 def test_the_same_seed_gives_the_same_rows_and_another_does_not(day):
@@ -126,8 +126,8 @@ def test_the_same_seed_gives_the_same_rows_and_another_does_not(day):
 
 def test_the_wind_is_that_of_the_record_or_else_as_noted():
     noted = Conditions(wind=(5.0, 10.0))
-    assert mean_wind(sailed(ZIGZAG, 60, wind=None), noted) == (5.0, 10.0)
-    speed, come = mean_wind(sailed(ZIGZAG, 60), noted)
+    assert mean_wind(run_record(ZIGZAG, 60, wind=None), noted) == (5.0, 10.0)
+    speed, come = mean_wind(run_record(ZIGZAG, 60), noted)
     assert (speed, come) == (pytest.approx(WIND[0]), pytest.approx(WIND[1]))
     assert mean_wind(xr.Dataset(), Conditions()) is None
 
@@ -143,17 +143,17 @@ def turned(run, course):
 def test_the_course_of_a_run_does_not_matter(day):
     course = np.deg2rad(130.0)
     runs = {"circle": day["circle"], "turned": turned(day["circle"], course)}
-    found = ps.sea_trial(runs, tanker(), ship=ship(), rng=1)
-    plain, other = (rows_of(found, run) for run in runs)
+    result = ps.sea_trial(runs, tanker(), ship=ship(), rng=1)
+    plain, other = (rows_of(result, run) for run in runs)
     for name in ("advance", "tactical_diameter", "transfer"):
         assert other[name]["ratio"] == pytest.approx(plain[name]["ratio"], rel=1e-6)
         assert other[name]["corrected"] == pytest.approx(plain[name]["corrected"], rel=2e-3)
-    flows = [found.currents[run].velocity @ (1.0, 1j) for run in runs]
+    flows = [result.currents[run].velocity @ (1.0, 1j) for run in runs]
     assert flows[1] == pytest.approx(flows[0] * np.exp(1j * course), abs=0.01)
 
 
-def test_velocities_over_ground_lose_the_current_and_others_keep_theirs():
-    run = sailed(ZIGZAG, 200, wind=None)
+def test_the_current_is_subtracted_from_velocities_over_ground_only():
+    run = run_record(ZIGZAG, 200, wind=None)
     velocity = np.array([0.3, -0.2])
     ground = run.assign(
         {name: run[name] + part for name, part in zip("uv", body(velocity, run["psi"].values), strict=True)}
@@ -169,16 +169,16 @@ def body(velocity, psi):
     return flow.real, flow.imag
 
 
-def test_circles_that_differ_leave_a_run_without_one_their_scatter():
+def test_the_scatter_of_circles_is_in_the_current_of_other_runs():
     runs = {
-        "east": sailed(CIRCLE, 2400, wind=None, current=(0.3, 90.0)),
-        "more": sailed(ps.turning_circle(35, side="starboard"), 2400, wind=None, current=(0.5, 90.0)),
-        "zigzag": sailed(ZIGZAG, 900, wind=None),
+        "east": run_record(CIRCLE, 2400, wind=None, current=(0.3, 90.0)),
+        "more": run_record(ps.turning_circle(35, side="starboard"), 2400, wind=None, current=(0.5, 90.0)),
+        "zigzag": run_record(ZIGZAG, 900, wind=None),
     }
-    found = ps.sea_trial(runs, tanker(), rng=1).currents
-    assert found["zigzag"].velocity[1] == pytest.approx(0.4, abs=0.01)
-    assert found["zigzag"].sd[1] == pytest.approx(0.2 / np.sqrt(2.0), abs=0.01)
-    assert found["east"].sd[1] < 0.02
+    result = ps.sea_trial(runs, tanker(), rng=1).currents
+    assert result["zigzag"].velocity[1] == pytest.approx(0.4, abs=0.01)
+    assert result["zigzag"].sd[1] == pytest.approx(0.2 / np.sqrt(2.0), abs=0.01)
+    assert result["east"].sd[1] < 0.02
 
 
 def test_the_current_is_that_of_the_day(day):

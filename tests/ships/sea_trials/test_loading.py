@@ -16,7 +16,7 @@ def lighter():
     return ps.with_terms(bare, "modular at any speed")
 
 
-def test_a_ship_stays_as_far_from_her_formulae_in_their_sd():
+def test_standardised_deviations_of_the_parameters_stay():
     light, full = lighter(), tanker()
     value, sd = np.array([[c.value, c.sd] for c in light.parameters]).T
     z = np.random.default_rng(3).standard_normal((5, value.size)) * (sd > FIXED_SD)
@@ -28,7 +28,7 @@ def test_a_ship_stays_as_far_from_her_formulae_in_their_sd():
     np.testing.assert_array_equal([c.value for c in vessel.parameters], other)
 
 
-def test_her_steering_gear_is_that_of_the_trial():
+def test_the_steering_gear_is_that_of_the_trial():
     gear = replace(lighter(), particulars=replace(lighter().particulars, rudder_rate_deg=5.0, rudder_delay=3.0))
     rows = np.array([[c.value for c in gear.parameters]])
     vessel, _ = at_loading(gear, rows, lighter(), tanker())

@@ -21,7 +21,7 @@ def vessel(name):
 
 @cache
 def spiral(name, largest=6.0, step=1.0, hold=12.0):
-    """Noisy record of a direct spiral, each angle held for some L/U."""
+    """Noisy record of a direct spiral, each rudder angle for some L/U."""
     one = vessel(name)
     manoeuvre = ps.direct_spiral(largest, step, hold=hold * one.particulars.ship_time)
     run = ps.simulate(one, manoeuvre, duration=manoeuvre.time[-1], step=0.5, record_interval=1.0)
@@ -41,15 +41,15 @@ def interval(row):
     return row["corrected"] + np.array([row["u_record"].min(), row["u_record"].max()])
 
 
-def test_a_direct_spiral_shows_the_loop_between_the_angles_that_were_held():
+def test_a_direct_spiral_has_the_loop_between_its_rudder_angles():
     turns = measured_spiral(spiral("kvlcc2"), vessel("kvlcc2").particulars.ship_time)
-    found, true = rows_of(turns), spiral_indices(true_turns("kvlcc2"))
-    low, high = interval(found["loop_width"])
+    rows, true = rows_of(turns), spiral_indices(true_turns("kvlcc2"))
+    low, high = interval(rows["loop_width"])
     assert low <= true["loop_width"].item() <= high
     assert high - low == pytest.approx(4.0, abs=0.1)  # a step to either side of both folds
-    assert found["loop_width"]["limit"] == LIMIT
+    assert rows["loop_width"]["limit"] == LIMIT
     for name in ("residual_rate_starboard", "residual_rate_port"):
-        assert found[name]["corrected"] == pytest.approx(true[name].item(), rel=0.15)
+        assert rows[name]["corrected"] == pytest.approx(true[name].item(), rel=0.15)
 
 
 def test_the_steady_rates_are_those_of_the_ship():
@@ -66,36 +66,36 @@ def test_the_steady_rates_are_those_of_the_ship():
 
 def test_a_stable_ship_has_no_loop():
     turns = measured_spiral(spiral("container", 15.0, 5.0), vessel("container").particulars.ship_time)
-    found = rows_of(turns)
+    rows = rows_of(turns)
     assert len(turns["delta"]) >= 11
-    assert {name: row["corrected"] for name, row in found.items()} == dict.fromkeys(found, 0.0)
-    np.testing.assert_allclose(interval(found["loop_width"]), [0.0, 5.0], atol=0.01)  # at 0 deg she still turns
+    assert {name: row["corrected"] for name, row in rows.items()} == dict.fromkeys(rows, 0.0)
+    np.testing.assert_allclose(interval(rows["loop_width"]), [0.0, 5.0], atol=0.01)  # at 0 deg she still turns
 
 
 def test_a_straight_course_between_turns_to_both_sides_leaves_no_room_for_a_loop():
-    found = rows_of(turns_of([10, 5, 0, -5, -10], [-0.4, -0.3, 0.0, 0.3, 0.4]))
-    assert (interval(found["loop_width"]) == 0.0).all()
+    rows = rows_of(turns_of([10, 5, 0, -5, -10], [-0.4, -0.3, 0.0, 0.3, 0.4]))
+    assert (interval(rows["loop_width"]) == 0.0).all()
 
 
-def turns_of(delta, r, *, held=True):
+def turns_of(delta, r, *, direct=True):
     channels = {"delta": ("turn", np.array(delta, dtype=float)), "r": ("turn", np.array(r, dtype=float))}
-    return xr.Dataset(channels, attrs={"direct": held, "straight": 0.01})
+    return xr.Dataset(channels, attrs={"direct": direct, "straight": 0.01})
 
 
 def test_a_loop_between_two_angles_is_open_up_to_their_distance():
-    found = rows_of(turns_of([10, 5, 0, -5, -10], [-0.4, -0.3, 0.1, 0.3, 0.4]))
-    np.testing.assert_allclose(interval(found["loop_width"]), [0.0, 5.0])
-    assert found["residual_rate_port"]["corrected"] == 0.0
+    rows = rows_of(turns_of([10, 5, 0, -5, -10], [-0.4, -0.3, 0.1, 0.3, 0.4]))
+    np.testing.assert_allclose(interval(rows["loop_width"]), [0.0, 5.0])
+    assert rows["residual_rate_port"]["corrected"] == 0.0
 
 
 def test_a_fold_beyond_the_last_angle_leaves_the_loop_without_an_uncertainty():
-    found = rows_of(turns_of([2, 0, -2, -4, -2, 0, 2], [-0.3, -0.2, -0.1, 0.4, 0.3, 0.2, 0.1]))
-    assert found["loop_width"]["corrected"] == 4.0
-    assert np.isnan(found["loop_width"]["u_record"]).all()
+    rows = rows_of(turns_of([2, 0, -2, -4, -2, 0, 2], [-0.3, -0.2, -0.1, 0.4, 0.3, 0.2, 0.1]))
+    assert rows["loop_width"]["corrected"] == 4.0
+    assert np.isnan(rows["loop_width"]["u_record"]).all()
 
 
 def reverse_spiral(hold=10.0):
-    """Rates of turn held one after the other by a rudder that moves about the angle of the steady turn."""
+    """Constant rates of turn one after the other; the rudder moves about the angle of the steady turn."""
     one, true = vessel("kvlcc2"), true_turns("kvlcc2")
     unit = one.particulars.ship_time
     rates = np.r_[np.linspace(-0.25, 0.25, 11)]
@@ -134,7 +134,7 @@ def test_steps_at_random_are_no_spiral():
     assert measured_spiral(run, unit) is None
 
 
-def test_a_ship_that_never_turns_has_sailed_no_spiral():
+def test_a_straight_course_is_no_spiral():
     still = spiral("kvlcc2")
     assert measured_spiral(still.assign({name: 0.0 * still[name] for name in ("r", "v")}), 40.0) is None
 
@@ -143,12 +143,12 @@ def test_a_record_without_a_rudder_is_no_spiral():
     assert measured_spiral(spiral("kvlcc2").drop_vars("delta"), 40.0) is None
 
 
-def test_a_sea_trial_states_the_loop_and_draws_it_beside_the_ship(tmp_path):
-    found = ps.sea_trial({"spiral": spiral("kvlcc2")}, "kvlcc2", ship=ship(), rng=1)
-    (line,) = [row for row in found.form if row["item"].startswith("spiral")]
+def test_a_sea_trial_has_the_loop_and_the_curve_of_the_ship(tmp_path):
+    result = ps.sea_trial({"spiral": spiral("kvlcc2")}, "kvlcc2", ship=ship(), rng=1)
+    (line,) = [row for row in result.form if row["item"].startswith("spiral")]
     assert line["conformity"] == "met"
     assert line["port"].endswith("deg in one run")
-    assert found.turns is not None
-    page = ps.trial_report(found, tmp_path).read_text(encoding="utf-8")
+    assert result.turns is not None
+    page = ps.trial_report(result, tmp_path).read_text(encoding="utf-8")
     assert "Spiral test: steady rate of turn" in page
     assert (tmp_path / "figures" / "sea_trial_spirals.png").exists()

@@ -7,25 +7,25 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.ships.sea_trials.form import form_rows
-from tests.ships.sea_trials.cases import sailed, tanker
+from tests.ships.sea_trials.cases import run_record, tanker
 
 DAY = {"water": {"depth": 90.0, "sea_state": 3}, "loading": {"fore": 20.8, "aft": 20.8, "full_load": 20.8}}
 
 
 @pytest.fixture(scope="module")
-def found():
+def result():
     runs = {
-        "circle": sailed(ps.turning_circle(35), 2400, wind=None),
-        "other circle": sailed(ps.turning_circle(35, side="starboard"), 2400, wind=None),
-        "zigzag": sailed(ps.zigzag(10, 10), 900, wind=None),
-        "straight": sailed(ps.zigzag(10, 10), 20, wind=None).pipe(lambda t: t.assign(delta=0.0 * t["delta"])),
+        "circle": run_record(ps.turning_circle(35), 2400, wind=None),
+        "other circle": run_record(ps.turning_circle(35, side="starboard"), 2400, wind=None),
+        "zigzag": run_record(ps.zigzag(10, 10), 900, wind=None),
+        "straight": run_record(ps.zigzag(10, 10), 20, wind=None).pipe(lambda t: t.assign(delta=0.0 * t["delta"])),
     }
     return ps.sea_trial(runs, tanker(), conditions=DAY, rng=1)
 
 
 @pytest.fixture(scope="module")
-def page(found, tmp_path_factory):
-    return ps.trial_report(found, tmp_path_factory.mktemp("report"), command="made by a test")
+def page(result, tmp_path_factory):
+    return ps.trial_report(result, tmp_path_factory.mktemp("report"), command="made by a test")
 
 
 def test_the_page_has_the_form_conditions_corrections_and_figures(page):
@@ -39,20 +39,20 @@ def test_the_page_has_the_form_conditions_corrections_and_figures(page):
     }
 
 
-def test_the_tables_hold_the_rows(page, found):
+def test_the_tables_have_the_rows(page, result):
     with (page.parent / "tables" / "sea_trial_indices.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(found.indices)
-    assert float(rows[0]["corrected"]) == found.indices[0]["corrected"]
+    assert len(rows) == len(result.indices)
+    assert float(rows[0]["corrected"]) == result.indices[0]["corrected"]
 
 
-def test_the_same_trial_gives_the_same_page(page, found, tmp_path):
-    assert ps.trial_report(found, tmp_path, command="made by a test").read_bytes() == page.read_bytes()
+def test_the_same_trial_gives_the_same_page(page, result, tmp_path):
+    assert ps.trial_report(result, tmp_path, command="made by a test").read_bytes() == page.read_bytes()
 
 
-def test_each_side_of_the_form_shows_its_run(found):
-    line = {row["item"]: row for row in found.form}["turning circle, tactical diameter"]
-    sides = {row["side"]: row for row in found.indices if row["index"] == "tactical_diameter"}
+def test_each_side_of_the_form_shows_its_run(result):
+    line = {row["item"]: row for row in result.form}["turning circle, tactical diameter"]
+    sides = {row["side"]: row for row in result.indices if row["index"] == "tactical_diameter"}
     for side in ("port", "starboard"):
         assert line[side].startswith(f"{sides[side]['corrected']:.2f} ± ")
     assert (line["criterion"], line["conformity"]) == ("5 L", "met")
@@ -63,7 +63,7 @@ def row(value, conformity, side="port", U=0.1, runs=2):
     return known | {"runs": runs, "side": side, "corrected": value, "U": U, "conformity": conformity}
 
 
-def test_the_least_favourable_run_and_judgement_stand_in_the_form():
+def test_the_form_has_the_least_favourable_run_and_conformity():
     rows = [row(12.0, "met"), row(19.9, "open"), row(8.0, "met", side="starboard", runs=1)]
     (line,) = [one for one in form_rows(rows) if one["item"] == "zigzag 10/10, first overshoot angle"]
     assert line["port"] == "19.9 ± 0.1 deg"
@@ -98,9 +98,9 @@ def test_a_wrong_key_is_one_sentence(trial, tmp_path, capsys):
     (tmp_path / "day.toml").write_text("[water]\ndeep = 3\n")
     words = ["--conditions", str(tmp_path / "day.toml"), "--out", str(tmp_path / "r")]
     assert main(["trial-report", str(trial), "--vessel", "kvlcc2", "--quiet", *words]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "unknown key water.deep" in said
+    text = capsys.readouterr().err
+    assert text.count("\n") == 1
+    assert "unknown key water.deep" in text
     assert not (tmp_path / "r" / "sea_trial.html").exists()
 
 

@@ -14,11 +14,11 @@ def row(value, *sds, manoeuvre="zigzag 10/10 port", limit=np.nan):
 
 
 def test_parts_add_up_as_squares_and_the_interval_is_that_of_their_sum():
-    (found,) = uncertainty_budget([row(10.0, 0.3, 0.4, 1.2)], np.random.default_rng(1))
-    assert found["u_c"] == pytest.approx(1.3, rel=0.03)
-    assert found["U"] == 2.0 * found["u_c"]
-    assert found["upper"] - found["lower"] == pytest.approx(2.0 * 1.96 * 1.3, rel=0.06)
-    assert (found["runs"], np.isnan(found["u_runs"])) == (1, True)
+    (budget,) = uncertainty_budget([row(10.0, 0.3, 0.4, 1.2)], np.random.default_rng(1))
+    assert budget["u_c"] == pytest.approx(1.3, rel=0.03)
+    assert budget["U"] == 2.0 * budget["u_c"]
+    assert budget["upper"] - budget["lower"] == pytest.approx(2.0 * 1.96 * 1.3, rel=0.06)
+    assert (budget["runs"], np.isnan(budget["u_runs"])) == (1, True)
 
 
 def test_runs_of_one_manoeuvre_scatter_and_those_of_another_do_not_count():
@@ -31,14 +31,14 @@ def test_runs_of_one_manoeuvre_scatter_and_those_of_another_do_not_count():
     assert other["u_c"] == pytest.approx(0.1, rel=0.05)
 
 
-def test_a_part_that_is_not_known_leaves_none():
-    (found,) = uncertainty_budget([row(10.0, np.nan, 0.0, 0.1, limit=12.0)], np.random.default_rng(1))
-    assert np.isnan([found["u_record"], found["u_c"], found["U"], found["lower"]]).all()
-    assert found["conformity"] == "met as measured"
+def test_an_unknown_part_leaves_no_uncertainty():
+    (budget,) = uncertainty_budget([row(10.0, np.nan, 0.0, 0.1, limit=12.0)], np.random.default_rng(1))
+    assert np.isnan([budget["u_record"], budget["u_c"], budget["U"], budget["lower"]]).all()
+    assert budget["conformity"] == "met as measured"
 
 
-@pytest.mark.parametrize(("share", "word"), [(0.96, "met"), (0.5, "open"), (0.04, "not met")])
-def test_a_judgement_is_of_the_draws(share, word):
-    drawn = np.where(np.arange(1000) < 1000 * share, 4.0, 6.0)
+@pytest.mark.parametrize(("fraction", "word"), [(0.96, "met"), (0.5, "open"), (0.04, "not met")])
+def test_conformity_is_that_of_the_draws(fraction, word):
+    drawn = np.where(np.arange(1000) < 1000 * fraction, 4.0, 6.0)
     assert conformity(5.0, drawn, 5.0) == word
     assert conformity(5.0, drawn, np.nan) == ""

@@ -12,18 +12,18 @@ from pymc_ship.ships.sea_trials.conditions import load_conditions
 from pymc_ship.ships.sea_trials.current import drift_current
 from tests.sentences import wording
 from tests.ships.ensemble.cases import ship_of
-from tests.ships.sea_trials.cases import sailed, ship, tanker
+from tests.ships.sea_trials.cases import run_record, ship, tanker
 
 CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
 
 
 def at_full_load(full_load=None, **settings):
-    run = {"circle": sailed(CIRCLE, 2400, wind=None)}
+    run = {"circle": run_record(CIRCLE, 2400, wind=None)}
     ps.sea_trial(run, tanker(), full_load=full_load or tanker(), rng=1, **settings)
 
 
 def without_a_manoeuvre():
-    run = sailed(ZIGZAG, 200, wind=None)
+    run = run_record(ZIGZAG, 200, wind=None)
     ps.sea_trial([run.assign(delta=0.0 * run["delta"])], tanker(), rng=1)
 
 
@@ -54,8 +54,8 @@ test_trial_errors = wording(
         "found 200 m and 320 m",
         lambda: at_full_load(replace(tanker(), particulars=replace(tanker().particulars, L=200.0)), ship=ship()),
     ),
-    ("630 deg at least, found 4", lambda: drift_current(sailed(CIRCLE, 1100, wind=None))),
-    ("x, y missing", lambda: drift_current(sailed(CIRCLE, 2400, wind=None).drop_vars(["x", "y"]))),
+    ("630 deg at least, found 4", lambda: drift_current(run_record(CIRCLE, 1100, wind=None))),
+    ("x, y missing", lambda: drift_current(run_record(CIRCLE, 2400, wind=None).drop_vars(["x", "y"]))),
     ("No run is of a standard manoeuvre", without_a_manoeuvre),
 )
 

@@ -24,7 +24,7 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.draws import Models, suitable_models, thinned_draws
-from pymc_ship.ships.ensemble.index_error import equivalent_sd, error_sizes, model_error, readings_noise, steady_error
+from pymc_ship.ships.ensemble.index_error import equivalent_sd, error_sizes, measurement_sd, model_error, steady_error
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.motion_error import SIZES, motion_error
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
@@ -224,7 +224,7 @@ class _Design:
         prime, _, _ = prime_record(self.vessel, {name: ship[name].values for name in (*STATE[:5], "delta")})
         rows = xr.DataArray(np.column_stack([prime[symbol] for symbol in SYMBOLS]), dims=("row", "symbol"))
         rows = rows.assign_coords(symbol=list(SYMBOLS)).dropna("row")
-        readings = readings_noise(run.indices[names], self.rows, self.vessel)
+        readings = measurement_sd(run.indices[names], self.rows, self.vessel)
         errors = zip(names, self._error(run, names, data.motion), strict=True)
         noise_sd = [equivalent_sd(np.hypot(sd, readings[name])) for name, sd in errors]
         columns = np.concatenate([data.indices, run.columns(names)], axis=1)

@@ -1,6 +1,6 @@
-"""Model error of manoeuvre indices beyond the spread of the draws, from held-out runs.
+"""Model error of manoeuvre indices (numbers such as an overshoot angle) beyond the draws, from held-out runs.
 
-Half-Cauchy law of its size over ships (Gelman 2006, doi:10.1214/06-BA117A) with median :data:`TYPICAL`, in units of
+Half-Cauchy prior of its sd over ships (Gelman 2006, doi:10.1214/06-BA117A) with median :data:`TYPICAL`, in units of
 :func:`index_scale`; it grows with the extrapolation from the runs. ``calibration.toml`` has the constants.
 """
 
@@ -22,8 +22,8 @@ from pymc_ship.ships.ensemble.motion_error import MOTION_EXTRAPOLATION_SD, equal
 
 EXTRAPOLATION_SD = constant_value("index_extrapolation_sd")  # of an index per range of the record [swing, L/U, L, roll]
 TYPICAL = constant_by_kind("index_typical")  # median error beyond the draws, over ships [swing, L/U, L, roll]
-LIKELIHOOD_WEIGHT = constant_value("index_likelihood_weight")  # of each index: errors of one run are correlated
-# Correct statements, and all statements, of 99 % beyond the motion of the runs.
+LIKELIHOOD_WEIGHT = constant_value("index_likelihood_weight")  # power of each index: errors of one run are correlated
+# Statements of 99 % on extrapolated forecasts of validation ships: correct ones, and all.
 CALIBRATION_HITS, CALIBRATION_TRIALS = (int(constant_value(f"calibration_{name}")) for name in ("hits", "trials"))
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
 _SD_PER_RANGE = dict.fromkeys(SCORED_QUANTITIES, EXTRAPOLATION_SD) | {
@@ -44,21 +44,21 @@ def index_scale(quantity: str, value: Any, heading_deg: float, vessel: Vessel) -
 def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
     """Standard deviation of the indices of each kind beyond the spread of the draws, from rows of :func:`.index_rows`.
 
-    Equally probable sizes (SIZES,), ascending, in units of :func:`index_scale`; without a row, those of other ships.
+    Equally probable quantiles (SIZES,) of the sd, in units of :func:`index_scale`; without a row, those of other ships.
     """
-    error, known = np.reshape([scaled_error(row) for row in rows], (-1, 2)).T
+    error, known_variance = np.reshape([scaled_error(row) for row in rows], (-1, 2)).T
     typical = np.array([TYPICAL[row["kind"]] for row in rows])
-    sizes = equal_sizes(*size_law(error, known, typical, LIKELIHOOD_WEIGHT))
+    sizes = equal_sizes(*size_law(error, known_variance, typical, LIKELIHOOD_WEIGHT))
     return {kind: TYPICAL[kind] * sizes for kind in SCORED_QUANTITIES}
 
 
 def scaled_error(row: Mapping) -> tuple[float, float]:
     """Error of a row of ``index_rows`` and its variance by draws, term sets and readings, over its scale."""
-    known = row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + row["measured_sd"] ** 2
-    return (row["forecast"] - row["measured"]) / row["scale"], known / row["scale"] ** 2
+    known_variance = row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + row["measured_sd"] ** 2
+    return (row["forecast"] - row["measured"]) / row["scale"], known_variance / row["scale"] ** 2
 
 
-def readings_noise(simulated_indices: xr.Dataset, rows: Sequence[Mapping], vessel: Vessel) -> dict[str, float]:
+def measurement_sd(simulated_indices: xr.Dataset, rows: Sequence[Mapping], vessel: Vessel) -> dict[str, float]:
     """Standard deviation of the simulated indices of a run by the noise of its readings; 0 without a row of the kind.
 
     ``rows`` are those of :func:`.index_rows`.
@@ -91,8 +91,8 @@ def steady_error(motion_error: Mapping[str, np.ndarray]) -> dict[str, np.ndarray
 
 def index_sd(row: Mapping, errors: Mapping[str, np.ndarray]) -> float:
     """Equivalent normal sd of the error of a row of ``index_rows``: draws, models, model error and readings."""
-    _, known = scaled_error(row)
-    return row["scale"] * equivalent_sd(np.sqrt(known + errors.get(row["kind"], np.zeros(1)) ** 2))
+    _, known_variance = scaled_error(row)
+    return row["scale"] * equivalent_sd(np.sqrt(known_variance + errors.get(row["kind"], np.zeros(1)) ** 2))
 
 
 def equivalent_sd(sd: np.ndarray) -> float:

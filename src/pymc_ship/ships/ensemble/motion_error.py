@@ -1,6 +1,6 @@
 """Model error of the simulated motion beyond the spread of the draws, by state and lead time.
 
-Half-Cauchy law of its size over ships (Gelman 2006, doi:10.1214/06-BA117A) with median :data:`TYPICAL`; it grows with
+Half-Cauchy prior of its sd over ships (Gelman 2006, doi:10.1214/06-BA117A) with median :data:`TYPICAL`; it grows with
 the extrapolation from the runs, see docs/explanation/model_error.md. ``calibration.toml`` has the constants.
 """
 
@@ -23,7 +23,7 @@ ACCUMULATED_STATES = ("psi", "x", "y")  # their error accumulates over the time 
 REFERENCE_LEAD = 10.0  # lead time of the sizes [L/U], by which a turn is steady
 TYPICAL = constant_by_kind("motion_typical")  # median prime error beyond the draws at REFERENCE_LEAD, over ships
 RISE = constant_by_kind("motion_rise")  # power of the growth with lead time; u, v and r grow up to the last of LEADS
-LIKELIHOOD_WEIGHT = constant_value("motion_likelihood_weight")  # of each lead time: errors of one run are correlated
+LIKELIHOOD_WEIGHT = constant_value("motion_likelihood_weight")  # power of each lead time: errors of a run correlate
 MOTION_EXTRAPOLATION_SD = constant_by_kind("motion_extrapolation_sd")  # per range of the record; psi, x, y also per L/U
 SIZES = 200  # number of equally probable sizes of a law
 _ROWS = [STATE.index(name) for name in ERROR_STATES]
@@ -43,14 +43,14 @@ class OpenLoopSimulation(NamedTuple):
 
 
 def size_law(
-    error: np.ndarray, known: np.ndarray, typical: np.ndarray, likelihood_weight: float
+    error: np.ndarray, known_variance: np.ndarray, typical: np.ndarray, likelihood_weight: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Posterior law of the size of a ship's error over the typical error: sizes and log probabilities, (n_sizes,).
 
-    ``error``, ``known`` and ``typical`` are the errors in held-out runs, their known variances and the typical errors,
-    (n_rows,), each row of a likelihood weight.
+    ``error``, ``known_variance`` and ``typical`` are errors in held-out runs, the variance by draws and readings, and
+    the typical errors, (n_rows,).
     """
-    variance = known[:, None] + (typical[:, None] * _SIZE) ** 2
+    variance = known_variance[:, None] + (typical[:, None] * _SIZE) ** 2
     log_likelihood = -0.5 * likelihood_weight * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
     log_weight = log_likelihood + np.log(_SIZE) - np.log1p(_SIZE**2)
     return _SIZE, log_weight - logsumexp(log_weight)
@@ -66,10 +66,10 @@ def equal_sizes(size: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
 def motion_error(replays: Iterable[OpenLoopSimulation], vessel: Vessel) -> dict[str, np.ndarray]:
     """Standard deviation of each state beyond the draws at :data:`REFERENCE_LEAD`, from simulations of held-out runs.
 
-    Equally probable sizes (SIZES,), ascending, prime at the nominal speed; without a run, those of other ships.
+    Equally probable quantiles (SIZES,) of the sd, prime at the nominal speed; without a run, those of other ships.
     """
     unit, scale = vessel.particulars.ship_time, np.array(list(prime_units(vessel).values()))
-    times, errors, known = [], [], []
+    times, errors, variances = [], [], []
     for one in replays:
         for lead in LEADS:
             if lead * unit <= one.time[-1]:
@@ -77,8 +77,8 @@ def motion_error(replays: Iterable[OpenLoopSimulation], vessel: Vessel) -> dict[
                 simulated = one.states[_ROWS, :, time_index] / scale[:, None]
                 times.append(lead)
                 errors.append(one.measured[_ROWS, time_index] / scale - np.nanmedian(simulated, axis=1))
-                known.append([robust_sd(values) ** 2 for values in simulated] + (one.noise_sd[_ROWS] / scale) ** 2)
-    error, variance = (np.reshape(rows, (-1, len(ERROR_STATES))).T for rows in (errors, known))
+                variances.append([robust_sd(values) ** 2 for values in simulated] + (one.noise_sd[_ROWS] / scale) ** 2)
+    error, variance = (np.reshape(rows, (-1, len(ERROR_STATES))).T for rows in (errors, variances))
     sizes = {}
     for k, name in enumerate(ERROR_STATES):
         measured = np.isfinite(error[k]) & np.isfinite(variance[k])

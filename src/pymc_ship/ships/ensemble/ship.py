@@ -1,4 +1,4 @@
-"""The ship: an ensemble of models with the laws of their errors, as forecasts and later runs use it."""
+"""The ship: posterior draws of several weighted models, with the distributions of the model error."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Member:
     estimate : ndarray, shape (n_coefficients,)
     weight : float; fraction of the ensemble
     likelihood : EarlierLikelihood or None; of all runs so far
-    inflation, design_effect : float; factor on the sd, and design effect of the likelihood of the windows
+    inflation, design_effect : float; factor on the sd of the draws; the power of the likelihood is 1 / design_effect
     """
 
     name: str
@@ -50,12 +50,12 @@ class Member:
 
 @dataclass(frozen=True, eq=False)
 class Ship:
-    """A ship: an ensemble of models with the laws of their errors.
+    """A ship: an ensemble of models with the distributions of their errors.
 
     Attributes
     ----------
     members : tuple of Member; by descending weight, some perhaps without draws
-    motion : DataArray, dims (row, symbol), or None; prime motion of the runs
+    motion : DataArray, dims (row, symbol), or None; non-dimensional (prime) motion of the training runs
     index_error : dict of str to ndarray, or None; sizes of the error of indices by kind, from :func:`.model_error`
     motion_error : dict of str to ndarray; sizes of the error of the motion by state, from :func:`.motion_error`
     noise_sd : dict of str to float; sensor noise sd by channel [SI], of a joint posterior
@@ -120,7 +120,7 @@ class Ship:
         >>> fits = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
         >>> ship = ps.Ship.from_posterior(vessel, fits.posteriors("conjugate", draws=40, rng=rng), draws=40, rng=rng)
         >>> ship
-        Ship(kvlcc2: 1 model, 40 draws, errors beyond the draws unknown)
+        Ship(kvlcc2: 1 model, 40 draws, model error unknown)
         """
         rng, vessel = random_generator(rng), as_vessel(vessel)
         if draws < 2:
@@ -129,7 +129,7 @@ class Ship:
         for name, sd in noise.items():
             if name not in SIMULATED or not 0.0 <= sd < np.inf:
                 raise ValueError(
-                    f"Sensor noise has a standard deviation from 0 up for any of {', '.join(SIMULATED)}; found {sd} "
+                    f"The sd of sensor noise is finite and at least 0, for any of {', '.join(SIMULATED)}; found {sd} "
                     f"for {name!r}; correct it."
                 )
         rows = coefficient_draws(vessel, posteriors, draws, rng)
@@ -150,7 +150,7 @@ class Ship:
 
     @property
     def vessel(self) -> Vessel:
-        """Vessel of the member of largest weight, of those with roll if any."""
+        """Vessel of the member of largest weight; members with roll come first."""
         return most_dofs(vessel for vessel, _ in self.models)
 
     @property
@@ -164,11 +164,11 @@ class Ship:
         return sum(len(one.draws) for one in self.members)
 
     def __repr__(self) -> str:
-        """Name, number of models and draws, and whether the errors beyond the draws are known."""
+        """Name, number of models and draws, and the source of the model error."""
         n, runs = len(self.models), self.held_out_indices.sizes["run"]
         errors = "unknown" if self.index_error is None else f"from {runs} held-out run{'s' * (runs != 1)}"
         models = f"{n} model{'s' * (n != 1)}, {self.draws} draws"
-        return f"Ship({self.vessel.name}: {models}, errors beyond the draws {errors})"
+        return f"Ship({self.vessel.name}: {models}, model error {errors})"
 
 
 ShipLike = Ship | VesselLike

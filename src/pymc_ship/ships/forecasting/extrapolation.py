@@ -23,7 +23,7 @@ from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 
-UNKNOWN = "Extrapolation is unknown: the posterior has no motion of the runs it was fitted to."
+UNKNOWN = "Extrapolation is not assessed: the posterior does not store the motion of its training runs."
 MARGIN = 0.01  # departure that counts as inside, in ranges of the record; a repeated run departs as much
 _CHANNELS = (*STATE[:5], "delta")
 _N_RANDOM = 100

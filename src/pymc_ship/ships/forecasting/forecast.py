@@ -242,7 +242,7 @@ def has_roll(tree: xr.DataTree) -> bool:
 
 
 def draws_and_shares(tree: xr.DataTree) -> str:
-    """Text beside the bands: number of draws, percentage diverged and, where known, extrapolated."""
+    """Text on the draws: number of draws, percentage diverged and, where known, extrapolated."""
     diverged, extrapolated = (tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
     text = f"{tree.attrs['draws']} draws, {100.0 * diverged:.3g} % diverged"
     known = np.isfinite(extrapolated)

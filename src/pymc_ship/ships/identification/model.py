@@ -158,7 +158,7 @@ def identify_ship(
     >>> [(manoeuvre.kind, manoeuvre.rudder_deg) for manoeuvre in identification.manoeuvres]
     [('zigzag', 10.0), ('zigzag', 20.0)]
     >>> identification.ship
-    Ship(kvlcc2: 1 model, 100 draws, errors beyond the draws from 2 held-out runs)
+    Ship(kvlcc2: 1 model, 100 draws, model error from 2 held-out runs)
     """
     rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)
     before = prior if isinstance(prior, Ship) else None
