@@ -96,7 +96,7 @@ test_value_errors = wording(
         )
         for bad, sentence in [
             ({"target_accept": 1.5}, r"An acceptance rate lies between 0 and 1, found 1\.5; give one such as 0\.9\."),
-            ({"chains": 0}, "Counts of draws=1000, chains=0, tune=1000 must be positive"),
+            ({"chains": 0}, "Draws, chains and tune are at least 1, found draws=1000, chains=0, tune=1000"),
         ]
     ),
     *(

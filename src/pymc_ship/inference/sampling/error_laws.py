@@ -1,7 +1,7 @@
 """Laws of the errors e of a regression; sigma2 is the ``noise_variance``.
 
-``normal``: e ~ N(0, sigma2). ``student_t``: e ~ t(nu, 0, sigma), nu ~ Gamma(2, 0.1). ``ar1``: e_1 ~ N(0, sigma2),
-e_t ~ N(rho e_(t-1), (1 - rho^2) sigma2), rho ~ Uniform(-1, 1).
+``normal``: e ~ N(0, sigma2). ``student_t``: e ~ t(nu, 0, sigma) of variance sigma2 nu / (nu - 2), nu ~ Gamma(2, 0.1).
+``ar1``: e_1 ~ N(0, sigma2), e_t ~ N(rho e_(t-1), (1 - rho^2) sigma2), rho ~ Uniform(-1, 1).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ErrorLaw:
 
     Attributes
     ----------
-    parameter, prior : str; name of the parameter besides the noise variance, ``""`` for none, and its prior as text
+    parameter, prior, citation : str; name of the parameter besides the noise variance, if any, its prior, source
     draw_parameter : callable; (rng, size) -> draws of its prior
     log_parameter : callable; parameter -> log prior density
     draw_errors : callable; (rng, noise_sd, parameter, n_rows) -> errors
@@ -41,6 +41,7 @@ class ErrorLaw:
 
     parameter: str
     prior: str
+    citation: str
     draw_parameter: Callable[[np.random.Generator, tuple[int, ...]], np.ndarray]
     log_parameter: Callable[[np.ndarray], np.ndarray]
     draw_errors: Callable[[np.random.Generator, np.ndarray, np.ndarray, int], np.ndarray]
@@ -93,6 +94,7 @@ ERRORS = {
     "normal": ErrorLaw(
         parameter="",
         prior="",
+        citation="",
         draw_parameter=lambda rng, size: np.zeros(size),
         log_parameter=np.zeros_like,
         draw_errors=lambda rng, sd, _, n_rows: sd[..., None] * rng.standard_normal((*np.shape(sd), n_rows)),
@@ -102,6 +104,7 @@ ERRORS = {
     "student_t": ErrorLaw(
         parameter="degrees_of_freedom",
         prior="Gamma(shape 2, rate 0.1)",
+        citation="Juarez & Steel (2010), JBES 28(1):52, doi:10.1198/jbes.2009.07145",
         draw_parameter=lambda rng, size: rng.gamma(NU_SHAPE, 1.0 / NU_RATE, size),
         log_parameter=lambda nu: 2.0 * math.log(NU_RATE) + np.log(nu) - NU_RATE * nu,
         draw_errors=lambda rng, sd, nu, n_rows: sd[..., None] * rng.standard_t(nu[..., None], (*np.shape(sd), n_rows)),
@@ -111,16 +114,13 @@ ERRORS = {
     "ar1": ErrorLaw(
         parameter="autocorrelation",
         prior="Uniform(-1, 1)",
+        citation="Prais & Winsten (1954), Cowles Commission discussion paper 383",
         draw_parameter=lambda rng, size: rng.uniform(-1.0, 1.0, size),
         log_parameter=lambda rho: np.full_like(rho, -math.log(2.0)),
         draw_errors=_draw_ar1,
         log_likelihood=_ar1_log_likelihood,
         whiten=_whiten_ar1,
     ),
-}
-_CITED = {
-    "student_t": ["Juarez & Steel (2010), JBES 28(1):52, doi:10.1198/jbes.2009.07145"],
-    "ar1": ["Prais & Winsten (1954), Cowles Commission discussion paper 383"],
 }
 
 
@@ -151,6 +151,6 @@ def with_errors(tree: xr.DataTree, data: RegressionData, errors: str, parameter:
     density = law.log_likelihood(residual, posterior["noise_variance"].to_numpy(), parameter)
     groups["log_likelihood"] = groups["log_likelihood"].assign(response=((*sample, "row"), density))
     groups["log_prior"] = groups["log_prior"].assign({law.parameter: (sample, law.log_parameter(parameter))})
-    cited = json.dumps([*json.loads(tree.attrs["citations"]), *_CITED[errors]])
+    cited = json.dumps([*json.loads(tree.attrs["citations"]), law.citation])
     attrs = tree.attrs | {"errors": errors, "error_prior": f"{law.parameter} ~ {law.prior}", "citations": cited}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})

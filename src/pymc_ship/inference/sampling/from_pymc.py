@@ -1,4 +1,4 @@
-"""Posterior tree of a user's own PyMC model."""
+"""Posterior tree of a custom PyMC model."""
 
 from __future__ import annotations
 
@@ -44,14 +44,15 @@ def posterior_tree(
     model : pymc.Model, optional
         Computes missing log densities and predictive groups. Its one observed variable becomes ``response``.
     prior : Prior, optional
-        If the model has exactly this prior, the draws can be compared with the exact posterior.
+        Give it if the model has exactly this prior (not checked), to compare draws with the exact posterior.
     rng : int, SeedSequence or Generator, optional
         Required with a model, for predictive draws.
 
     Returns
     -------
     DataTree
-        As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the groups of ``sampled`` or the model.
+        As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the groups of ``sampled`` or the model;
+        attr ``method`` is ``nuts`` for any sampler.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """PyMC model of a regression and its sampling by NUTS; pymc is imported when called.
 
-NUTS moves in coordinates in which the posterior is nearly standard normal; the posterior does not depend on them.
+NUTS samples in whitened coordinates, by a transform of PyMC; the posterior does not depend on them.
 """
 
 from __future__ import annotations
@@ -44,18 +44,19 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     data : RegressionData
     prior : Prior or callable
         On the scaled columns; mean and kappa may be vectors. A prior of your own is a function ``prior(data, given)``,
-        called inside the model, that makes and returns the scaled coefficients (with ``**given``) and the noise
-        variance on the scaled response.
+        called inside the model, that makes and returns the scaled coefficients (with ``**given``: dims and
+        transform) and the noise variance on the scaled response.
     errors : {"normal", "student_t", "ar1"} or callable, optional
         See :mod:`pymc_ship.inference.sampling.error_laws`. A likelihood of your own is a function
-        ``errors(name, mu, sigma, given)`` that makes the observed variable ``name`` with ``**given``.
+        ``errors(name, mu, sigma, given)`` that makes the variable ``name`` with ``**given``: observed and dims.
 
     Returns
     -------
     pymc.Model
         Free variables ``scaled_coefficients``, ``scaled_noise_variance`` and, by the errors, ``degrees_of_freedom`` or
         ``autocorrelation``; data ``design_matrix`` and ``observed_response``; observed ``response`` (dims row);
-        deterministic ``coefficients`` (dims coefficient) and ``noise_variance`` on the original scale.
+        deterministic ``coefficients`` (dims coefficient) and ``noise_variance`` on the original scale, the squared
+        scale for Student's t.
 
     Raises
     ------
@@ -101,30 +102,31 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
             scaled = pm.Normal("scaled_coefficients", mu=prior.means(data.n_terms), sigma=spread, **given)
         coefficients = pm.Deterministic("coefficients", offset + pt.dot(transformation, scaled), dims="coefficient")
         noise_variance = pm.Deterministic("noise_variance", data.response_scale**2 * variance)
-        fit, given = pt.dot(design, coefficients), {"observed": response, "dims": "row"}
+        mu, sigma = pt.dot(design, coefficients), pt.sqrt(noise_variance)
+        observed = {"observed": response, "dims": "row"}
         if callable(errors):
-            errors("response", fit, pt.sqrt(noise_variance), given)
+            errors("response", mu, sigma, observed)
         else:
-            _row_density(errors, fit, pt.sqrt(noise_variance), given)
+            _row_density(errors, mu, sigma, observed)
     return model
 
 
-def _row_density(errors: str, fit: Any, sd: Any, given: dict) -> None:
+def _row_density(errors: str, mu: Any, sigma: Any, observed: dict) -> None:
     """Likelihood of the rows under an error law, with its parameter; for AR(1) each row given the one before."""
     import pymc as pm
     import pytensor.tensor as pt
 
     if errors == "student_t":
         nu = pm.Gamma("degrees_of_freedom", alpha=NU_SHAPE, beta=NU_RATE)
-        pm.StudentT("response", nu=nu, mu=fit, sigma=sd, **given)
+        pm.StudentT("response", nu=nu, mu=mu, sigma=sigma, **observed)
         return
     if errors == "ar1":
         rho = pm.Uniform("autocorrelation", -1.0, 1.0)
-        before = pt.as_tensor(given["observed"])[:-1] - fit[:-1]
-        first = pt.arange(fit.shape[0]) < 1
-        fit = pt.inc_subtensor(fit[1:], rho * before)
-        sd = sd * pt.switch(first, 1.0, pt.sqrt(1.0 - rho**2))
-    pm.Normal("response", mu=fit, sigma=sd, **given)
+        before = pt.as_tensor(observed["observed"])[:-1] - mu[:-1]
+        first = pt.arange(mu.shape[0]) < 1
+        mu = pt.inc_subtensor(mu[1:], rho * before)
+        sigma = sigma * pt.switch(first, 1.0, pt.sqrt(1.0 - rho**2))
+    pm.Normal("response", mu=mu, sigma=sigma, **observed)
 
 
 def nuts_posterior(
@@ -215,15 +217,9 @@ def nuts_posterior(
         model = pymc_model(data, prior, errors)
     sampled = sample_model(model, settings, seed, progress, sampler)
     posterior, law = sampled["posterior"].dataset.transpose("chain", "draw", ...), error_law(errors, data)
-    tree = draws_tree(
-        data,
-        prior,
-        posterior["coefficients"].to_numpy(),
-        posterior["noise_variance"].to_numpy(),
-        method="nuts",
-        rng_state=state,
-        groups={"sample_stats": sampled["sample_stats"].to_dataset()},
-    )
+    values = (posterior[name].to_numpy() for name in ("coefficients", "noise_variance"))
+    groups = {"sample_stats": sampled["sample_stats"].to_dataset()}
+    tree = draws_tree(data, prior, *values, method="nuts", rng_state=state, groups=groups)
     if law.parameter:
         tree = with_errors(tree, data, errors, posterior[law.parameter].to_numpy())
     return with_predictive(tree, data, prior, rng=np.random.default_rng([seed, 1]))
@@ -255,7 +251,7 @@ def check_settings(settings: dict) -> None:
     """Check counts and acceptance rate; ValueError."""
     draws, chains, tune = (settings[name] for name in ("draws", "chains", "tune"))
     if min(draws, chains, tune) < 1:
-        raise ValueError(f"Counts of {draws=}, {chains=}, {tune=} must be positive; raise them to 1 or more.")
+        raise ValueError(f"Draws, chains and tune are at least 1, found {draws=}, {chains=}, {tune=}; raise them.")
     rate = settings.get("target_accept", 0.8)
     if not 0.0 < rate < 1.0:
         raise ValueError(f"An acceptance rate lies between 0 and 1, found {rate}; give one such as 0.9.")

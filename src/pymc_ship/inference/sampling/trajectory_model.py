@@ -52,7 +52,8 @@ def trajectory_model(
         deterministic ``coefficients`` (dims coefficient), ``initial_state`` (dims run, state) and, with offsets,
         ``sensor_offset`` (dims run, channel), NaN where a run has no such state or channel; observed ``response`` (dims
         row, channel), the block means or, under Student's t noise, pseudo-data. Several runs: ``response_0`` (dims
-        row_0, channel_0), ``response_1``, ... The log density is minus infinity where the simulation diverges.
+        row_0, channel_0), ``response_1``, ... The prior is a potential, without prior
+        predictive draws. The log density is minus infinity where the simulation diverges.
 
     Raises
     ------
@@ -197,20 +198,12 @@ def mode_nuts_posterior(
             verdict += f", the largest R-hat is {float(az.rhat(coordinates).max()):.3f}"
     unknowns = fit.unknowns + coordinates.to_numpy() @ fit.square_root.T
     flat = unknowns.reshape(-1, fit.unknowns.size)
-    log_likelihood = log_likelihood_rows(fit, flat)
-    return trajectory_tree(
-        mode,
-        unknowns,
-        log_likelihood.reshape(chains, draws, -1),
-        log_prior_density(fit, flat).reshape(chains, draws),
-        method="trajectory_nuts",
-        attrs={
-            "verdict": verdict,
-            "share_diverged": float(np.mean(~np.isfinite(log_likelihood).all(axis=1))),
-            "rng_state": state,
-        },
-        groups={"sample_stats": statistics},
-    )
+    log_likelihood, log_prior = log_likelihood_rows(fit, flat), log_prior_density(fit, flat)
+    fraction_diverged = float(np.mean(~np.isfinite(log_likelihood).all(axis=1)))
+    attrs = {"verdict": verdict, "share_diverged": fraction_diverged, "rng_state": state}
+    by_chain = (values.reshape(chains, draws, *values.shape[1:]) for values in (flat, log_likelihood, log_prior))
+    groups = {"sample_stats": statistics}
+    return trajectory_tree(mode, *by_chain, method="trajectory_nuts", attrs=attrs, groups=groups)
 
 
 def _nutpie_density(mode: TrajectoryMode) -> Any:
@@ -239,12 +232,5 @@ def _nutpie_density(mode: TrajectoryMode) -> Any:
             coordinate *= 0.5
         return coordinate
 
-    return from_pyfunc(
-        n_unknowns,
-        log_density,
-        expand_draw,
-        [np.dtype(float)],
-        [(n_unknowns,)],
-        ["direction_coordinate"],
-        make_initial_point_fn=start,
-    )
+    types_shapes_names = [np.dtype(float)], [(n_unknowns,)], ["direction_coordinate"]
+    return from_pyfunc(n_unknowns, log_density, expand_draw, *types_shapes_names, make_initial_point_fn=start)

@@ -1,6 +1,6 @@
 """Fit of the simulated trajectory to raw records by Levenberg-Marquardt (output-error method).
 
-Unknowns: coefficients, initial state of each run and, optionally, sensor offsets; all in units of their prior.
+Unknowns: coefficients, initial state of each run and, optionally, sensor offsets; divided by ``Problem.unit``.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_run_indices
 
-CHANGE = 1e-4  # convergence: the next step would lower the negative log posterior by less
-TAU_RANGE = (0.05, 20.0)  # bounds of the factors of the prior scales
+TOLERANCE = 1e-4  # convergence: the next step would lower the negative log posterior by less
+TAU_RANGE = (0.05, 20.0)  # bounds of tau, the factor of the prior scales of a DOF by empirical Bayes
 _LOG_2PI = np.log(2.0 * np.pi)
 _MOST_STEPS, _MOST_REFITS, _MOST_TAU_UPDATES = 400, 6, 100
 _LEAST_SINGULAR_VALUE = 1e-12
@@ -28,7 +28,7 @@ Rows = list[tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of the block means of one run; ``values``: the means or, under Student's t, pseudo-data of its score."""
+    """Noise of the block means of one run; ``values``: the means or, under Student's t, pseudo-data with its score."""
 
     sd: np.ndarray
     correlation: np.ndarray
@@ -115,7 +115,7 @@ class Problem:
 
     @property
     def unit(self) -> np.ndarray:
-        """Unit of every unknown, physical units."""
+        """Unit of every unknown: prior sd or, for a flat prior, typical size; physical units."""
         parts = [self.prior.unit, np.tile(self.prior.unit[self.per_run], len(set(self.trial_indices)))]
         for run, noise in zip(self.runs, self.noise, strict=True):
             parts += [run.initial_state[1], 0.1 * np.ptp(run.means, axis=1) if noise.offsets else np.empty(0)]
@@ -150,7 +150,7 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class TrajectoryFit:
-    """Posterior mode and its normal approximation.
+    """Posterior mode and its normal (Laplace) approximation, given tau.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class TrajectoryFit:
 
     @property
     def chi2(self) -> float:
-        """Mean square of the whitened misfit; expected value 1."""
+        """Reduced chi-square: mean square of the whitened misfit, expected value 1."""
         return float(np.mean(np.concatenate([values.ravel() for values in self.residuals]) ** 2))
 
 
@@ -244,7 +244,7 @@ def _cost(problem: Problem, unknowns: np.ndarray, point: Linearisation | None) -
     return -point.log_likelihood + 0.5 * float(np.sum(problem.precision * distance**2))
 
 
-def _descend(problem: Problem, start: np.ndarray, change: float) -> tuple[np.ndarray, Linearisation]:
+def _descend(problem: Problem, start: np.ndarray, tolerance: float) -> tuple[np.ndarray, Linearisation]:
     """Minimum and its linearisation by Levenberg-Marquardt with the damping of Nielsen (1999)."""
     unknowns, unit, center, precision = start.copy(), problem.unit, problem.center, problem.precision
     point = linearise(problem, unknowns)
@@ -261,24 +261,25 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> tuple[np.nda
         size = np.sqrt(np.diag(damped))
         step = -np.linalg.solve(damped / np.outer(size, size), slope / size) / size
         expected = 0.5 * step @ (damping * step - slope)
-        if growth == 2.0 and expected < change:
+        if growth == 2.0 and expected < tolerance:
             return unknowns, point
-        trial = unknowns + unit * step
-        ahead = linearise(problem, trial)
-        gain = cost - _cost(problem, trial, ahead)
+        proposal = unknowns + unit * step
+        ahead = linearise(problem, proposal)
+        gain = cost - _cost(problem, proposal, ahead)
         if ahead is not None and gain > 0.0:
             damping *= max(1.0 / 8.0, 1.0 - (2.0 * gain / expected - 1.0) ** 3)
-            unknowns, point, cost, growth = trial, ahead, cost - gain, 2.0
+            unknowns, point, cost, growth = proposal, ahead, cost - gain, 2.0
         else:
             damping, growth = damping * growth, 2.0 * growth
         if damping > 1e12:
             return unknowns, point
     raise FitError(
-        f"A fit converges in {_MOST_STEPS} steps, found no minimum; give more runs or a prior nearer to the ship."
+        f"A fit needs a minimum within {_MOST_STEPS} steps of Levenberg-Marquardt, found none; give more runs or a "
+        "prior nearer to the ship."
     )
 
 
-def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) -> TrajectoryFit:
+def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLERANCE) -> TrajectoryFit:
     """Posterior mode from a start (n_unknowns,), factors tau of the prior by evidence, and the normal approximation.
 
     Raises
@@ -291,12 +292,12 @@ def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) 
     Marquardt (1963), doi:10.1137/0111030; Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986), NASA RP-1168; MacKay
     (1992), doi:10.1162/neco.1992.4.3.415 (tau).
     """
-    unknowns, point = _descend(problem, start, change)
+    unknowns, point = _descend(problem, start, tolerance)
     for _ in range(_MOST_REFITS if problem.prior.tuned.any() else 0):
         tau = _tuned_tau(problem, unknowns, point)
         converged = np.max(np.abs(np.log(tau / problem.tau))) < 0.02
         problem = replace(problem, tau=tau)
-        unknowns, point = _descend(problem, unknowns, change)
+        unknowns, point = _descend(problem, unknowns, tolerance)
         if converged:
             break
     square_root, log_evidence = _normal_approximation(problem, unknowns, point.log_likelihood)

@@ -69,16 +69,9 @@ def trajectory_mode(
         choice = fit_with_noise(runs, vessel, prior, first, noise=noise, offsets=offsets)
     except FitError:
         return TrajectoryMode(fit_with_noise(runs, vessel, prior, second, noise=noise, offsets=offsets), 2, 1, quality)
-    return _better_mode(choice, second, quality)
-
-
-def _better_mode(choice: NoiseChoice, start: np.ndarray, quality: dict[str, str]) -> TrajectoryMode:
-    """Mode of greater evidence of two starts under the same noise."""
     fit = choice.fit
-    unknowns = fit.unknowns.copy()
-    unknowns[: start.size] = start
     try:
-        other = fit_trajectory(fit.problem, unknowns)
+        other = fit_trajectory(fit.problem, np.r_[second, fit.unknowns[second.size :]])
     except FitError:
         return TrajectoryMode(choice, 2, 1, quality)
     distance_sd = np.max(np.abs(other.coefficients - fit.coefficients) / fit.sd)

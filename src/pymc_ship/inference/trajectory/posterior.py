@@ -38,7 +38,7 @@ def trajectory_posterior(
 ) -> xr.DataTree:
     """Posterior of all coefficients of a vessel from whole trajectories (output-error method, Laplace approximation).
 
-    For a Pareto k-hat of the importance weights above 0.7 use :func:`pymc_ship.trajectory_nuts_posterior`.
+    Draws are not weighted; for a Pareto k-hat above 0.7 use :func:`pymc_ship.trajectory_nuts_posterior`.
 
     Parameters
     ----------
@@ -60,11 +60,11 @@ def trajectory_posterior(
     -------
     DataTree
         Groups posterior (``coefficients`` of all DOFs, ``initial_state`` and, with offsets, ``sensor_offset`` of each
-        run), log_likelihood (``response``, one row for each block of samples, all channels together), log_prior,
-        observed_data (block means by row and channel) and constant_data (``time``, ``run``, prime ``motion``,
-        ``fitted``, ``prior_sd``, ``noise_sd`` of a sample, ``block_sd`` and ``correlation`` of the blocks). Attrs:
-        noise model with its reason, mean chi2, Pareto k-hat, verdict, tau, starts that agree, fraction of diverged
-        draws.
+        run), log_likelihood (``response``, one row for each block of samples, all channels together), log_prior (of all
+        unknowns), observed_data (block means by row and channel) and constant_data (``time``, ``run``, prime
+        ``motion``, ``fitted``, ``prior_sd``, ``noise_sd`` of a sample, ``block_sd`` and ``correlation`` of the blocks).
+        Attrs: noise model with its reason, mean chi2, Pareto k-hat, verdict, tau, starts that agree, fraction of
+        diverged draws.
 
     Raises
     ------
