@@ -5,7 +5,7 @@
 - `predictive`: prior, prior predictive and posterior predictive groups.
 - `whitened_model`: coordinates for NUTS in which a regression is nearly standard normal.
 - `prior_laws`: horseshoe and R2-D2 priors of the PyMC model.
-- `from_pymc`: posterior of a user's own PyMC model.
+- `from_pymc`: posterior of a custom PyMC model.
 - `regression_model`: PyMC model of a regression, and its NUTS draws.
 - `hierarchical_model`: coefficients partially pooled over groups of runs.
 - `trajectory_model`: PyMC model of whole trajectories.

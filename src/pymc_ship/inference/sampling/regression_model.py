@@ -43,11 +43,11 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     ----------
     data : RegressionData
     prior : Prior or callable
-        On the scaled columns; mean and kappa may be vectors. A prior of your own is a function ``prior(data, given)``,
+        On the scaled columns; mean and kappa may be vectors. A custom prior is a function ``prior(data, given)``,
         called inside the model, that makes and returns the scaled coefficients (with ``**given``: dims and
         transform) and the noise variance on the scaled response.
     errors : {"normal", "student_t", "ar1"} or callable, optional
-        See :mod:`pymc_ship.inference.sampling.error_laws`. A likelihood of your own is a function
+        See :mod:`pymc_ship.inference.sampling.error_laws`. A custom likelihood is a function
         ``errors(name, mu, sigma, given)`` that makes the variable ``name`` with ``**given``: observed and dims.
 
     Returns
@@ -174,7 +174,7 @@ def nuts_posterior(
         ``lp``, ``energy``, ``energy_error``, ``tree_depth``, ``reached_max_treedepth``, ``n_steps``, ``step_size``,
         ``step_size_bar``, ``acceptance_rate``, ``diverging``, as far as the sampler has them; the groups of
         :func:`~pymc_ship.inference.sampling.predictive.with_predictive`; and the parameter of the errors. The log
-        likelihood of AR(1) errors is that of a row given those before it. Under a prior or likelihood of your own as
+        likelihood of AR(1) errors is that of a row given those before it. Under a custom prior or likelihood as
         :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`.
 
     Raises
