@@ -95,7 +95,7 @@ def design(
     Parameters
     ----------
     ship : Ship
-        One without laws of its errors has the typical ones of other ships.
+        One without model error has the typical error of other ships.
     candidates : mapping of str to Manoeuvre or sequence of Manoeuvre, optional
         Manoeuvres with indices.
     n : int, optional

@@ -34,12 +34,12 @@ def coefficient_draws(
             "give a DataTree, or DataTrees under the names of the DOFs."
         )
     if isinstance(posteriors, xr.DataTree):
-        return _coefficient_rows(vessel, "joint", posteriors[group], draws, rng)
+        return _coefficient_rows(vessel, "joint", posteriors, group, draws, rng)
     unknown = [dof for dof in posteriors if dof not in vessel.dofs]
     if unknown:
         raise VesselError(f"{vessel.name!r} has the degrees of freedom {', '.join(vessel.dofs)}; found {unknown[0]!r}.")
     blocks = [
-        _coefficient_rows(vessel, dof, posteriors[dof][group], draws, rng)
+        _coefficient_rows(vessel, dof, posteriors[dof], group, draws, rng)
         if dof in posteriors
         else np.tile(vessel.coefficients(dof).values, (draws, 1))
         for dof in vessel.dofs
@@ -48,13 +48,15 @@ def coefficient_draws(
     return np.concatenate(blocks, axis=1)
 
 
-def _coefficient_rows(vessel: Vessel, dof: str, group: xr.DataTree, draws: int, rng: np.random.Generator) -> np.ndarray:
+def _coefficient_rows(
+    vessel: Vessel, dof: str, tree: xr.DataTree, group: str, draws: int, rng: np.random.Generator
+) -> np.ndarray:
     """Draws of the coefficients of a DOF, or of all DOFs ("joint"), each row one draw."""
     names = coefficient_names(vessel) if dof == "joint" else vessel.coefficients(dof)["coefficient"].values.tolist()
-    sample = group.dataset["coefficients"].stack(sample=("chain", "draw"))
+    sample = tree[group].dataset["coefficients"].stack(sample=("chain", "draw"))
     lacking = sorted(set(names) - set(sample["coefficient"].values))
     if lacking:
-        raise VesselError(f"The {dof} {group.name} lacks {', '.join(lacking)} of {vessel.name!r}; use its own terms.")
+        raise VesselError(f"The {dof} {group} lacks {', '.join(lacking)} of {vessel.name!r}; use its own terms.")
     drawn_indices = rng.choice(sample.sizes["sample"], draws, replace=sample.sizes["sample"] < draws)
     return sample.sel(coefficient=names).transpose("sample", "coefficient").values[drawn_indices]
 

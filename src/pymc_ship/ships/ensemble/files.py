@@ -79,21 +79,16 @@ def save_ship(
         )
     with staged_path(Path(out) / FOLDER) as folder:
         folder.mkdir()
+        terms = []
         for member, likelihood in known:
-            path = folder / _stem(member.name)
+            path = folder / member.name.replace(",", "").replace(" ", "-")
             path.with_suffix(".toml").write_text(_vessel_text(member), encoding="utf-8")
             write_posterior(_tree(member, likelihood, ship, made_by), path.with_suffix(".nc"))
+            density = likelihood.log_density.tolist()
+            terms.append({"name": member.name, "file": path.name, "weight": member.weight, "log_density": density})
         index = {
             "format": FORMAT,
-            "terms": [
-                {
-                    "name": member.name,
-                    "file": _stem(member.name),
-                    "weight": member.weight,
-                    "log_density": likelihood.log_density.tolist(),
-                }
-                for member, likelihood in known
-            ],
+            "terms": terms,
             "prior": ship.prior,
             "index_error": {kind: sizes.tolist() for kind, sizes in (ship.index_error or {}).items()},
             "motion_error": {name: sizes.tolist() for name, sizes in ship.motion_error.items()},
@@ -215,10 +210,6 @@ def _checksum(folder: Path, index: Mapping) -> str:
     """Checksum of an index and of the files that it names."""
     names = [str(Path(entry["file"]).with_suffix(ending)) for entry in index["terms"] for ending in (".toml", ".nc")]
     return folder_checksum(folder, names, index)
-
-
-def _stem(name: str) -> str:
-    return name.replace(",", "").replace(" ", "-")
 
 
 def _tree(member: Member, likelihood: EarlierLikelihood, ship: Ship, made_by: str) -> xr.DataTree:

@@ -85,7 +85,7 @@ def error_rows(errors: Mapping[str, np.ndarray], vessel: Vessel) -> list[dict]:
 
 
 def steady_error(motion_error: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Prime sizes (SIZES,) of the error of steady speed, rate and drift, from the error of the motion."""
+    """Quantiles (SIZES,) of the sd of steady speed, rate and drift (prime), from those of the motion."""
     return {quantity: motion_error[name] for quantity, name in _OF_MOTION.items() if name in motion_error}
 
 

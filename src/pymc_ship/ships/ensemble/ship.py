@@ -56,8 +56,8 @@ class Ship:
     ----------
     members : tuple of Member; by descending weight, some perhaps without draws
     motion : DataArray, dims (row, symbol), or None; non-dimensional (prime) motion of the training runs
-    index_error : dict of str to ndarray, or None; sizes of the error of indices by kind, from :func:`.model_error`
-    motion_error : dict of str to ndarray; sizes of the error of the motion by state, from :func:`.motion_error`
+    index_error : dict of str to ndarray, or None; quantiles of the sd of the indices by kind, from :func:`.model_error`
+    motion_error : dict of str to ndarray; quantiles of the sd of the motion by state, from :func:`.motion_error`
     noise_sd : dict of str to float; sensor noise sd by channel [SI], of a joint posterior
     facilities : dict of str to Steering; steering by facility, most trials first
     remarks : tuple of str; how the intervals were made

@@ -123,7 +123,7 @@ def forecast(
         models = _feasible(drawn, manoeuvre, duration / unit, environment)
         errors = ship.index_error | steady_error(ship.motion_error)
     settings = simulation_settings(models[0][0]) | settings | environment | {"duration": duration, "ci_prob": ci_prob}
-    data = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
+    data: dict[str, Any] = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
     tree = pooled_forecast(models, manoeuvre, rng=rng, **data, **settings)
     tree.attrs["steering"] = _steering_sentence(models[0][0], ship.facilities, facility)
     if facility is not None:

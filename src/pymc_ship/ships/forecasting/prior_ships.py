@@ -99,8 +99,8 @@ def prior_ships(
     if draws < 2:
         raise ValueError(f"A prior predictive check needs two draws or more, found {draws}; raise draws.")
     ships = simulate_draws(vessel, _rows(vessel, prior, draws, rng), manoeuvre, rng, duration=duration, **settings)
-    whole = isinstance(prior, CoefficientPrior | xr.DataTree)
-    attrs = {**ships.attrs, "fixed_dofs": "" if whole else " ".join(dof for dof in vessel.dofs if dof not in prior)}
+    in_prior = vessel.dofs if isinstance(prior, CoefficientPrior | xr.DataTree) else prior
+    attrs = {**ships.attrs, "fixed_dofs": " ".join(dof for dof in vessel.dofs if dof not in in_prior)}
     return ships.assign_attrs(attrs | {"summary": _summary(attrs)})
 
 

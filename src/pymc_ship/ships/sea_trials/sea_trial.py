@@ -118,8 +118,10 @@ def sea_trial(
     2.91 L, without the current 3.61 L, limit 5 L
     """
     rng, vessel, trial_conditions = random_generator(rng), as_vessel(vessel), load_conditions(conditions)
-    by_name = isinstance(trials, Mapping)
-    records = dict(trials) if by_name else {str(k): trial for k, trial in enumerate(trial_list(trials), start=1)}
+    if isinstance(trials, Mapping):
+        records = dict(trials)
+    else:
+        records = {str(k): trial for k, trial in enumerate(trial_list(trials), start=1)}
     loaded = None if full_load is None else as_vessel(full_load)
     recognised, facilities = recognise_by_facility(list(records.values()), vessel)
     manoeuvres = {name: kind for name, kind in zip(records, recognised, strict=True) if kind is not None}
@@ -136,9 +138,7 @@ def sea_trial(
     model, model_remarks = _model(ship, vessel, loaded, blowing=bool(winds))
     corrected_winds = winds if model.models and model.wind else {}
     progress("current")
-    currents, current_remarks = _currents(
-        {name: records[name] for name in manoeuvres}, manoeuvres, corrected_winds, model
-    )
+    currents, current_remarks = _currents(records, manoeuvres, corrected_winds, model)
     rows = []
     for name, manoeuvre in manoeuvres.items():
         progress(f"indices of {name}")
@@ -190,9 +190,8 @@ def _currents(
     if not currents:
         return {}, [*remarks, "The indices are not corrected for current, as no run gives it; turn through 720 deg."]
     mean = _mean_current(list(currents.values()))
-    return {
-        name: currents.get(name, mean) for name, trial in trials.items() if {"x", "y"} <= set(trial.data_vars)
-    }, remarks
+    with_track = [name for name in manoeuvres if {"x", "y"} <= set(trials[name].data_vars)]
+    return {name: currents.get(name, mean) for name in with_track}, remarks
 
 
 def _mean_current(currents: Sequence[DriftCurrent]) -> DriftCurrent:
