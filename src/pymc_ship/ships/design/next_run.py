@@ -140,7 +140,7 @@ def design(
     >>> plan["chosen"].item()
     'turning circle 35 port'
     """
-    ship, by_label = as_ship(ship), _labelled(candidates)
+    ship, by_label = as_ship(ship), _manoeuvres_by_label(candidates)
     have_indices = [isinstance(one, Manoeuvre) and bool(one.traits.indices) for one in (*by_label.values(), *interest)]
     if n < 1 or draws < 2 or not by_label or not interest or not all(have_indices):
         raise SimulationError(
@@ -349,7 +349,7 @@ def _choose_runs(design: _Design, candidate_runs: Mapping[str, _Run], n: int, se
     return xr.Dataset(variables, coords, {"vessel": design.vessel.name})
 
 
-def _labelled(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
+def _manoeuvres_by_label(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
     """Manoeuvres by their label, or by their own label and approach speed, with a number where it repeats."""
     if isinstance(manoeuvres, Mapping):
         return dict(manoeuvres)
