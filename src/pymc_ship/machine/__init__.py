@@ -1,7 +1,7 @@
-"""Files, processes, threads and seeds: what every wing needs of the computer. Imports no other wing.
+"""Files, processes, threads and seeds for every wing; imports no other wing.
 
 - `errors`: the errors of the package, under one root.
-- `files`: results that appear under their final name only when they are complete.
+- `files`: results that appear only when they are complete.
 - `checksums`: SHA-256 of result files, checked before a file is read.
 - `arguments`: checks of choices and numbers; an error is one sentence.
 - `text`: UTF-8 text files, and what a file of another encoding is.

@@ -1,4 +1,4 @@
-"""Checks of single values; each error is one sentence with the rule, the value and the remedy."""
+"""Checks of single values; an error is one sentence: rule, value, remedy."""
 
 from __future__ import annotations
 
@@ -22,21 +22,7 @@ def short_repr(value: object) -> str:
 
 
 def check_choice(what: str, value: object, choices: Iterable[str], error: type[ValueError] = ValueError) -> None:
-    """Raise an error unless a value is one of the choices.
-
-    Parameters
-    ----------
-    what : str
-        Subject of the sentence, such as ``"A prior family"``.
-    value : object
-    choices : iterable of str
-    error : type of ValueError, optional
-
-    Raises
-    ------
-    ValueError
-        Of the type ``error``.
-    """
+    """Raise ``error``, with ``what`` as the subject of its sentence, unless a value is one of the choices."""
     known = tuple(choices)
     if value not in known:
         names = ", ".join(choice if choice[:1].isalnum() else repr(choice) for choice in known)
@@ -44,25 +30,7 @@ def check_choice(what: str, value: object, choices: Iterable[str], error: type[V
 
 
 def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:
-    """Value as a float.
-
-    Parameters
-    ----------
-    what : str
-        Subject of the sentence.
-    value : object
-    error : type of ValueError, optional
-    least : float, optional
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ValueError
-        Of the type ``error``, for a bool, a text, NaN, infinity or a value below ``least``.
-    """
+    """Value as a float; ``error`` for a bool, a text, NaN, infinity or a value below ``least``."""
     number = math.nan
     if not isinstance(value, bool | str | bytes):
         with suppress(TypeError, ValueError, OverflowError):

@@ -1,7 +1,4 @@
-"""SHA-256 checksums of result files (FIPS 180-4), checked before a file is read.
-
-Libraries that read damaged NetCDF or HDF5 files may return wrong numbers or end the process.
-"""
+"""SHA-256 checksums of result files (FIPS 180-4): readers of damaged NetCDF or HDF5 may return wrong numbers."""
 
 from __future__ import annotations
 
@@ -36,7 +33,7 @@ def has_valid_checksum(path: str | Path) -> bool:
 
 
 def folder_checksum(folder: str | Path, names: Iterable[str | Path], index: Mapping[str, Any]) -> str:
-    """Checksum of files of a folder and of their index, which is of JSON types and without the checksum itself."""
+    """Checksum of files of a folder and of their index (JSON types), which does not contain it."""
     digest = hashlib.sha256(json.dumps(index, sort_keys=True).encode())
     for name in sorted(Path(name).as_posix() for name in names):
         with (Path(folder) / name).open("rb") as file:

@@ -1,7 +1,4 @@
-"""The errors of the package, one class for each kind of wrong input or output.
-
-The text of an error is one sentence: the rule, the value found and the remedy.
-"""
+"""The errors of the package, one class for each kind of wrong input or output."""
 
 from __future__ import annotations
 
@@ -22,7 +19,7 @@ class VesselError(ShipError):
 
 
 class TrialError(ShipError):
-    """A record, or the conditions of a sea trial, that cannot be used; the message names the channel or the key.
+    """A record or the conditions of a sea trial that cannot be used.
 
     Attributes
     ----------

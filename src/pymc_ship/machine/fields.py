@@ -7,14 +7,12 @@ from dataclasses import fields, is_dataclass
 from textwrap import shorten
 from typing import Any
 
-LONGEST = 399
-"""Largest number of characters of a ``repr``."""
-
+LONGEST = 399  # characters of a ``repr``
 _WORD = 40
 
 
 def field_text(instance: Any) -> str:
-    """Class and fields of a dataclass in at most :data:`LONGEST` characters; arrays, tables and lists as their size."""
+    """Class and fields of a dataclass, at most :data:`LONGEST` characters; arrays and lists as their size."""
     values = ", ".join(f"{field.name}={_brief(getattr(instance, field.name))}" for field in fields(instance))
     return shorten(f"{type(instance).__name__}({values})", LONGEST, placeholder=" ...)")
 

@@ -1,14 +1,7 @@
 """Atomic output: a result appears under its name only when it is complete; an earlier result stays until then.
 
-A run writes to a folder ``.partial-HOST-PID-RANDOM`` beside the result. Whenever runs are killed, and however many
-write to one path:
-
-- A file is the earlier or the new one, complete.
-- A folder, or a group of files, is the earlier or the new one for every reader that calls :func:`settle` first. Its
-  files are moved one after the other: another program may see a mixture after a kill in the middle of that.
-- Of two runs with one output path, the result of the last one to end remains.
-- The next run removes the partial folders of killed runs, but not those of live runs. A live run is known by its lock;
-  for another machine, whose locks may be invisible here, by a change in the last :data:`OLD` seconds.
+A run writes to a folder ``.partial-HOST-PID-RANDOM`` beside the result, and the last run to end leaves its result.
+A reader calls :func:`settle` first: it delivers or removes the folders of killed runs, not those of live ones.
 """
 
 from __future__ import annotations
@@ -29,8 +22,7 @@ from filelock import lock_descriptor
 
 from pymc_ship.machine.errors import OutputError
 
-OLD = 7 * 86400.0
-"""Seconds without a change after which a partial folder of another machine counts as abandoned."""
+OLD = 7 * 86400.0  # seconds without a change after which a partial folder of another machine counts as abandoned
 
 _HOST = hashlib.sha256(f"{platform.node()} {uuid.getnode()}".encode()).hexdigest()[:12]
 _BOX = re.compile(r"\.partial-[0-9a-f]{12}-\d+-\w+")
@@ -46,22 +38,9 @@ _POLL = 0.01  # seconds between two attempts to lock
 
 @contextmanager
 def staged_path(path: str | Path) -> Iterator[Path]:
-    """Temporary path of a file or folder that is renamed to its final path if the block ends without an exception.
+    """Temporary path of a file or folder, renamed to its final path if the block ends without an exception.
 
-    Parameters
-    ----------
-    path : str or Path
-        Final path; its folder must exist. A symbolic link is followed.
-
-    Yields
-    ------
-    Path
-        Path to write to.
-
-    Raises
-    ------
-    OutputError
-        When the folder cannot be written, or the path is a device or a pipe.
+    The folder of the final path must exist; a symbolic link is followed. OutputError if it cannot be written.
     """
     path = final_path(path)
     with _output_errors(path), _partial_folder(path.parent) as box:
@@ -81,24 +60,8 @@ def staged_path(path: str | Path) -> Iterator[Path]:
 def staged_files(folder: str | Path, *, last: str = "", own: Iterable[str] = ()) -> Iterator[Path]:
     """Temporary folder whose files are moved into a folder together if the block ends without an exception.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Final folder; relative paths stay the same, and other files of the folder stay.
-    last : str, optional
-        Name of the file to move last.
-    own : iterable of str, optional
-        Patterns of files of an earlier result, deleted if the new result does not have them.
-
-    Yields
-    ------
-    Path
-        Folder to write to.
-
-    Raises
-    ------
-    OutputError
-        When the folder cannot be written.
+    ``last`` is the file to move last; files of an earlier result that match a pattern in ``own`` are deleted unless the
+    new result has them; other files stay. OutputError if the folder cannot be written.
     """
     folder = Path(folder)
     with _output_errors(folder / last), _partial_folder(folder) as box:
@@ -145,10 +108,7 @@ def writable_folder(path: str | Path) -> Path:
 
 
 def settle(folder: str | Path) -> None:
-    """Finish the work of killed runs in a folder: deliver complete files, delete the others.
-
-    A folder that cannot be read or written stays unchanged.
-    """
+    """Finish the work of killed runs in a folder that can be written: deliver complete files, delete the others."""
     folder = Path(folder)
     with suppress(OSError):
         boxes = [path for path in folder.iterdir() if _BOX.fullmatch(path.name)]
@@ -229,10 +189,7 @@ def _acquire(descriptor: int, wait: bool = False) -> bool:
 
 
 def _unlock(path: Path, descriptor: int | None) -> None:
-    """Remove a lock file and release its lock.
-
-    The file is removed first, since another run may lock it after the release; Windows cannot remove an open file.
-    """
+    """Remove a lock file, then release its lock: another run may lock it after that. Windows: the other way round."""
     if os.name != "nt":
         path.unlink(missing_ok=True)
     if descriptor is not None:

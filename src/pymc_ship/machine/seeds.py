@@ -8,8 +8,7 @@ import numpy as np
 
 from pymc_ship.machine.arguments import short_repr
 
-Seed = int | np.random.SeedSequence | np.random.Generator
-"""What public functions take as ``rng``: an integer from 0 up, a SeedSequence or a Generator."""
+Seed = int | np.random.SeedSequence | np.random.Generator  # what public functions take as ``rng``
 
 
 def generator(seed: int, *purpose: float | str) -> np.random.Generator:

@@ -1,4 +1,4 @@
-"""Threads: one for each core, but a single one inside a worker process."""
+"""Threads: one for each core, one inside a worker process."""
 
 from __future__ import annotations
 

@@ -17,16 +17,9 @@ _LONGEST_KEY = 60
 
 @dataclass(frozen=True)
 class Entry:
-    """A value of a TOML file and its key; every check raises the error class of the file, in one sentence.
+    """A value of a TOML file, with the name of the file, the error class and the dotted key (empty for the whole file).
 
-    Attributes
-    ----------
-    value : object
-    file : str
-        Name of the file in errors.
-    error : type of ValueError
-    key : str
-        Dotted key of the value; empty for the whole file.
+    Every check raises the error in one sentence.
     """
 
     value: Any
@@ -36,7 +29,7 @@ class Entry:
 
     def at(self, key: str, default: Any = None) -> Entry:
         """Entry of a key of this table, or of the default if the key is missing."""
-        return replace(self, value=self.value.get(key, default), key=self._dotted(key))
+        return replace(self, value=self.value.get(key, default), key=self._full_key(key))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.value)
@@ -58,10 +51,10 @@ class Entry:
         self.check_table()
         for key in self:
             if key not in known:
-                raise self.error(f"{self.file}: unknown key {self._dotted(key)}; known here are {', '.join(known)}.")
+                raise self.error(f"{self.file}: unknown key {self._full_key(key)}; known here are {', '.join(known)}.")
         for key in required:
             if key not in self:
-                raise self.error(f"{self.file}: {self._dotted(key)} is missing; add it.")
+                raise self.error(f"{self.file}: {self._full_key(key)} is missing; add it.")
 
     def number(self, *, least: float = -math.inf) -> float:
         """The value, which must be a finite number from ``least`` up."""
@@ -88,7 +81,7 @@ class Entry:
     def _subject(self) -> str:
         return f"{self.file}: {self.key}"
 
-    def _dotted(self, key: str) -> str:
+    def _full_key(self, key: str) -> str:
         key = key if key.isprintable() and 0 < len(key) <= _LONGEST_KEY else short_repr(key)
         return f"{self.key}.{key}" if self.key else key
 

@@ -1,6 +1,6 @@
 """Workers for many tasks: processes on the local cores (joblib) or on a cluster (dask.distributed).
 
-Both take tasks from an iterator, so that memory does not grow with their number, and yield results as they complete.
+Both take tasks from an iterator, so that memory does not grow with their number.
 """
 
 from __future__ import annotations
@@ -16,28 +16,15 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice, takewhile
 
-AHEAD = 4
-"""Tasks queued for each worker."""
-
-RESTARTS = 5
-"""Largest number of losses of workers without a result in between."""
-
+AHEAD = 4  # tasks queued for each worker
+RESTARTS = 5  # largest number of losses of workers without a result in between
+MACHINE = (MemoryError, OSError)  # errors of the machine, after which a task is tried again
 # seconds: wait for a scheduler; between two counts of its workers; between two looks at the parent process
 _CONNECT, _LOOK, _WATCH = 10.0, 2.0, 0.5
 
-MACHINE = (MemoryError, OSError)
-"""Errors of the machine, after which a task is tried again."""
-
 
 class WorkersLostError(Exception):
-    """Workers died, or raised one of :data:`MACHINE`, before they returned their tasks.
-
-    Attributes
-    ----------
-    reason : str
-    times : int
-        Losses without a result in between.
-    """
+    """Workers died or raised one of :data:`MACHINE`, ``times`` times without a result in between."""
 
     def __init__(self, reason: str = "too little memory perhaps", times: int = 1):
         super().__init__(f"workers were lost {times} times without a result in between")
@@ -56,8 +43,8 @@ def run_tasks[Task, Result](
     work : callable
         Returns the result of a task.
     remaining : callable
-        Returns the tasks without a result, None if there are none. It is called again after a loss of workers, so the
-        caller must store each result before it takes the next.
+        Returns the tasks without a result, None if there are none. Called again after a loss of workers: the caller
+        stores each result before it takes the next.
 
     Raises
     ------
@@ -67,7 +54,7 @@ def run_tasks[Task, Result](
     lost = 0
     while (tasks := remaining()) is not None:
         try:
-            for result in executor.run(work, tasks):
+            for result in executor.map_unordered(work, tasks):
                 lost = 0
                 yield result
         except WorkersLostError as error:
@@ -77,19 +64,9 @@ def run_tasks[Task, Result](
 
 
 class LocalCores:
-    """Processes on this machine; a single worker is this process itself.
+    """Processes on this machine, by default one for each core; a single worker is this process itself.
 
-    Parameters
-    ----------
-    workers : int, optional
-        One for each core by default.
-    error : type of ValueError
-        Raised for a number of workers below one.
-
-    Attributes
-    ----------
-    label : str
-    workers : int
+    ``error`` is raised for a number of workers below one.
     """
 
     label = "joblib"
@@ -101,15 +78,11 @@ class LocalCores:
             raise error(f"Tasks need at least one worker, found {workers}; raise the number of workers.")
         self.workers = workers or joblib.cpu_count()
 
-    def run[Task, Result](self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    def map_unordered[Task, Result](self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
         """Yield the result of each task; after an error no further task starts.
 
-        Raises
-        ------
-        WorkersLostError
-            When a process was killed, or a task raised one of :data:`MACHINE`.
-        Exception
-            Any other error of a task, after the started tasks are complete.
+        WorkersLostError when a process was killed or a task raised one of :data:`MACHINE`; any other error of a task is
+        raised after the started tasks are complete.
         """
         import joblib
 
@@ -117,7 +90,7 @@ class LocalCores:
         tasks = takewhile(lambda _: not failures, tasks)
 
         settings = {"return_as": "generator_unordered", "pre_dispatch": f"{AHEAD}*n_jobs", "batch_size": 1}
-        settings |= {"max_nbytes": None}
+        settings["max_nbytes"] = None
         if self.workers > 1:
             settings |= {"backend": "loky", "initializer": _end_with_parent, "initargs": (os.getpid(),)}
         try:
@@ -165,10 +138,7 @@ def _result_or_failure[Task, Result](work: Callable[[Task], Result], task: Task)
 
 
 def _end_with_parent(parent: int) -> None:
-    """Ignore interrupts, which the parent handles, and end when the parent process has ended.
-
-    Windows does not show the end of a parent; there joblib ends idle workers after some minutes.
-    """
+    """Ignore interrupts, which the parent handles, and end after the parent (not on Windows, which hides its end)."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_watch_parent, args=(parent,), daemon=True).start()
 
@@ -180,19 +150,9 @@ def _watch_parent(parent: int) -> None:
 
 
 class Cluster:
-    """Workers of a Dask scheduler.
+    """Workers of a Dask scheduler; ``workers`` is the number of their threads at the last count.
 
-    Parameters
-    ----------
-    address : str
-    error : type of ValueError
-        Raised if dask.distributed is missing, no scheduler answers or the workers cannot run a task.
-
-    Attributes
-    ----------
-    label : str
-    workers : int
-        Threads of all its workers at the last count.
+    ``error`` is raised if dask.distributed is missing, no scheduler answers or the workers cannot run a task.
     """
 
     label = "dask"
@@ -220,15 +180,10 @@ class Cluster:
     def __exit__(self, *error: object) -> None:
         self._client.close()
 
-    def run[Task, Result](self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    def map_unordered[Task, Result](self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
         """Yield the result of each task; :data:`AHEAD` tasks for each worker are queued at the scheduler.
 
-        Raises
-        ------
-        WorkersLostError
-            When workers or queued tasks were lost, or a task raised one of :data:`MACHINE`.
-        ValueError
-            Of the type ``error``, when a task raised any other error.
+        WorkersLostError when workers or queued tasks were lost or a task raised one of :data:`MACHINE`.
         """
         from distributed import KilledWorker, as_completed
 

@@ -14,7 +14,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {  # matplotlib settings of every figure; the salt makes the SVG reproducible
     "font.size": 9.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -26,25 +26,22 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "pymc_ship",
     "axes.titlesize": 9.5,
 }
-"""Matplotlib settings of every figure; the salt makes the SVG reproducible."""
-
 REFERENCE, NOISE = "#1b1b1b", "#b9c0c8"
-BLUE, RUST = "#1f6fb2", "#c8551b"
-"""The first and second colour of most figures."""
-
-BESIDE_DPI, EMBEDDED_DPI = 110, 150
-"""Resolution of PNG files and of PNG images inside a page [dots per inch]."""
+BLUE, RUST = "#1f6fb2", "#c8551b"  # the first and second colour of most figures
+DOF_COLOURS = {"surge": BLUE, "sway": RUST, "yaw": "#3a8f4d", "roll": "#7d4fa3"}
+METHOD_COLOURS = ("#7fb2dd", BLUE, "#3a8f4d", RUST, "#7d4fa3")
+BESIDE_DPI, EMBEDDED_DPI = 110, 150  # of PNG files, and of PNG images inside a page [dots per inch]
 
 
 def house_style[**P, Drawn](draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Draw in the house style."""
 
     @wraps(draw)
-    def styled(*arguments: P.args, **settings: P.kwargs) -> Drawn:
+    def draw_in_style(*arguments: P.args, **settings: P.kwargs) -> Drawn:
         with matplotlib.rc_context(STYLE):
             return draw(*arguments, **settings)
 
-    return styled
+    return draw_in_style
 
 
 def subplots(
@@ -55,39 +52,29 @@ def subplots(
     return fig, fig.subplots(rows, columns, squeeze=False, **settings)
 
 
-def _lay_out(fig: Figure) -> None:
-    """Lay a figure out once: the constrained layout moves its axes at every draw."""
+@house_style
+def _saved_bytes(fig: Figure, **settings: Any) -> bytes:
+    """File of a figure, laid out once: the constrained layout moves its axes at every draw."""
     if fig.get_layout_engine() is not None:
         fig.draw_without_rendering()
         fig.set_layout_engine("none")
+    buffer = io.BytesIO()
+    fig.savefig(buffer, **settings)
+    return buffer.getvalue()
 
 
-@house_style
 def svg(fig: Figure, name: str) -> str:
     """Figure as reproducible SVG text; its ids begin with the name."""
-    _lay_out(fig)
-    buffer = io.StringIO()
-    fig.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
+    text = _saved_bytes(fig, format="svg", metadata={"Date": None}).decode()
     return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}.", text[text.index("<svg") :])
 
 
-@house_style
 def png(fig: Figure, dpi: int) -> bytes:
     """Figure as PNG bytes at a resolution [dots per inch]."""
-    _lay_out(fig)
-    buffer = io.BytesIO()
-    fig.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
-    return buffer.getvalue()
+    return _saved_bytes(fig, format="png", dpi=dpi, metadata={"Software": None})
 
 
 def html_image(fig: Figure, alternative: str) -> str:
     """Figure as an HTML image with its PNG inside, for figures with too many points for SVG."""
     data = base64.b64encode(png(fig, EMBEDDED_DPI)).decode()
     return f'<img alt="{escape(alternative)}" src="data:image/png;base64,{data}">'
-
-
-DOF_COLOURS = {"surge": BLUE, "sway": RUST, "yaw": "#3a8f4d", "roll": "#7d4fa3"}
-
-
-METHOD_COLOURS = ("#7fb2dd", BLUE, "#3a8f4d", RUST, "#7d4fa3")

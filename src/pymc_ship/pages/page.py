@@ -1,4 +1,4 @@
-"""The writer of pages: template and content become a page with figures and tables."""
+"""Pages from a template and their content, with figures and tables."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class Page:
     template : Path
         Jinja template; ``_layout.html.j2``, ``_page.html.j2`` and templates of its folder can be used.
     own : tuple of str
-        Patterns of the page's files, such as ``figures/*.png``; those of an earlier page are removed, others stay.
+        Patterns of the page's files; those of an earlier page are removed, other files stay.
     packages : tuple of str
-        Packages whose versions the page states.
+        Packages whose versions are on the page.
     digits : int, optional
         Significant digits of numbers in CSV files; None for all.
     tables : str
-        Folder of the CSV files within the folder of the page.
+        Folder of the CSV files.
     """
 
     file: str
@@ -52,10 +52,9 @@ class Content:
     Attributes
     ----------
     values : mapping of str to object
-        By the names in the template, which also has ``figures``, ``versions`` and ``sources``; text is escaped.
+        Values of the template, beside ``figures``, ``versions`` and ``sources``; text is escaped.
     figures : mapping of str to Figure or str
-        By name. A Figure is SVG in the page and a PNG file; a text from :func:`drawing.svg` or
-        :func:`drawing.html_image` is in the page alone.
+        A Figure is SVG in the page and a PNG file; a text, such as :func:`drawing.html_image`, is in the page alone.
     rows : mapping of str to sequence of mapping
         Tables for CSV files, by name; empty ones are not written.
     files : mapping of str to callable
@@ -72,24 +71,9 @@ class Content:
 
 
 def write_page(page: Page, out: str | Path, content: Content) -> Path:
-    """Write a page with its figures and tables; after an exception the folder is unchanged.
+    """Write a page with its figures and tables into a folder, created where it is missing; path of the page.
 
-    Parameters
-    ----------
-    page : Page
-    out : str or Path
-        Folder of the page, created where it is missing.
-    content : Content
-
-    Returns
-    -------
-    Path
-        ``out/FILE``, written after the other files.
-
-    Raises
-    ------
-    OutputError
-        When the folder cannot be written.
+    After an exception the folder is unchanged. OutputError if it cannot be written.
     """
     out = writable_folder(out)
     text = render_page(page, content)
@@ -120,17 +104,14 @@ def render_page(page: Page, content: Content) -> str:
 
 def _files(page: Page, content: Content, text: str) -> dict[str, Callable[[Path], object]]:
     """Writers of every file of a page, by path in the folder."""
-    figures = {
-        f"figures/{name}.png": partial(_write_png, figure)
-        for name, figure in content.figures.items()
-        if isinstance(figure, Figure)
-    }
-    tables = {
-        f"{page.tables}/{name}.csv": partial(write_rows, rows, digits=page.digits)
-        for name, rows in content.rows.items()
-        if rows
-    }
-    return figures | tables | dict(content.files) | {page.file: lambda path: path.write_text(text, encoding="utf-8")}
+    writers: dict[str, Callable[[Path], object]] = {}
+    for name, figure in content.figures.items():
+        if isinstance(figure, Figure):
+            writers[f"figures/{name}.png"] = partial(_write_png, figure)
+    for name, rows in content.rows.items():
+        if rows:
+            writers[f"{page.tables}/{name}.csv"] = partial(write_rows, rows, digits=page.digits)
+    return writers | dict(content.files) | {page.file: lambda path: path.write_text(text, encoding="utf-8")}
 
 
 def _write_png(figure: Figure, path: Path) -> None:

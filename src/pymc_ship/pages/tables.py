@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-Columns = dict[str, tuple[str, Callable[[Any], str]]]
-"""Head and formatter of each column of a table, by its key in the rows."""
+Columns = dict[str, tuple[str, Callable[[Any], str]]]  # head and formatter of each column, by its key in the rows
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """The table of channels: name, unit, labels and use of every quantity that a record may have.
 
-:func:`register_channel` adds a channel: its column is then read, scaled to the ship, written, polluted, denoised and
-labelled like any other. The equations of motion use the motion and the rudder only; auxiliary channels are not fitted.
+:func:`register_channel` adds one: it is then read, scaled, written, polluted, denoised and labelled like any other.
 """
 
 from __future__ import annotations
@@ -9,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.fields import field_text
@@ -32,27 +32,19 @@ class Channel:
     Attributes
     ----------
     name : str
-        Its name in a record.
     unit : Unit
         SI unit of its values.
-    label : str
-        Words and symbol.
-    short : str
-        Short label; the label by default.
+    label, short : str
+        Words and symbol; short label, ``label`` by default.
     headings : tuple of str
         Other names in the heading of a file, in lower case.
     part : {"motion", "rudder", "auxiliary"}
         A state of the motion, the rudder, or neither.
-    rolling : bool
-        Whether it belongs to roll, which a vessel may lack.
-    fitted : bool
-        Whether trajectories are fitted to it by default.
+    rolling, fitted, denoised, scored : bool
+        Whether it belongs to roll, trajectories are fitted to it by default, :func:`pymc_ship.denoise` denoises it,
+        forecasts are scored on it.
     noise_factor : float or None
         Factor k of the sensor noise, Xue et al. (2020), Eq. 22; None for no noise.
-    denoised : bool
-        Whether :func:`pymc_ship.denoise` denoises it.
-    scored : bool
-        Whether forecasts are scored on it.
     size : float
         Prior standard deviation of a state that is not measured: its magnitude in hard manoeuvres.
     """
@@ -75,7 +67,7 @@ class Channel:
 
     @property
     def short_label(self) -> str:
-        """Short label."""
+        """``short``, or ``label`` without one."""
         return self.short or self.label
 
     @property
@@ -89,145 +81,69 @@ class Channel:
         return f"{self.short_label} [{self.unit.display}]"
 
 
-TIME = Channel("time", SECOND, "time", headings=("t", "elapsed time", "timestamp", "time stamp"))
+_HEADINGS = {  # other names of each channel in files
+    "time": ("t", "elapsed time", "timestamp", "time stamp"),
+    "u": ("surge", "surge velocity", "surge speed", "longitudinal velocity", "longitudinal speed"),
+    "v": ("sway", "sway velocity", "sway speed", "transverse velocity", "transverse speed", "lateral velocity"),
+    "r": ("yaw rate", "yawrate", "yaw velocity", "rate of turn", "rot", "yaw", "heading rate"),
+    "p": ("roll rate", "rollrate", "roll velocity", "roll"),
+    "phi": ("roll", "roll angle", "heel", "heel angle", "φ"),
+    "psi": ("heading", "heading angle", "yaw", "yaw angle", "hdg", "ψ"),
+    "x": ("x position", "x pos", "north", "northing"),
+    "y": ("y position", "y pos", "east", "easting"),
+    "delta": ("rudder", "rudder angle", "δ"),
+    "n": ("rpm", "rps", "propeller", "shaft", "revs", "revolutions", "propeller speed", "shaft speed"),
+    "thrust": ("propeller thrust",),
+    "torque": ("propeller torque", "shaft torque"),
+    "wind_speed": ("true wind speed", "wind velocity true", "wind velo true"),
+    "wind_direction": ("true wind direction", "wind direction true", "wind dir true"),
+}
 
-_MOTION = (
-    Channel(
-        "u",
-        METRE_PER_SECOND,
-        "surge velocity u",
-        short="u",
-        headings=("surge", "surge velocity", "surge speed", "longitudinal velocity", "longitudinal speed"),
-        part="motion",
-        fitted=True,
-        noise_factor=0.3,
-        denoised=True,
-        scored=True,
-        size=5.0,
-    ),
-    Channel(
-        "v",
-        METRE_PER_SECOND,
-        "sway velocity v",
-        short="v",
-        headings=(
-            *("sway", "sway velocity", "sway speed", "transverse velocity", "transverse speed"),
-            "lateral velocity",
-        ),
-        part="motion",
-        fitted=True,
-        noise_factor=1.0,
-        denoised=True,
-        scored=True,
-        size=0.5,
-    ),
-    Channel(
-        "r",
-        RADIAN_PER_SECOND,
-        "yaw rate r",
-        short="r",
-        headings=("yaw rate", "yawrate", "yaw velocity", "rate of turn", "rot", "yaw", "heading rate"),
-        part="motion",
-        fitted=True,
-        noise_factor=0.3,
-        denoised=True,
-        scored=True,
-        size=0.005,
-    ),
-    Channel(
-        "p",
-        RADIAN_PER_SECOND,
-        "roll rate p",
-        short="p",
-        headings=("roll rate", "rollrate", "roll velocity", "roll"),
-        part="motion",
-        rolling=True,
-        fitted=True,
-        noise_factor=0.3,
-        denoised=True,
-        size=0.005,
-    ),
-    Channel(
-        "phi",
-        RADIAN,
-        "roll angle φ",
-        headings=("roll", "roll angle", "heel", "heel angle", "φ"),
-        part="motion",
-        rolling=True,
-        fitted=True,
-        noise_factor=0.3,
-        denoised=True,
-        scored=True,
-        size=0.05,
-    ),
-    Channel(
-        "psi",
-        RADIAN,
-        "heading ψ",
-        headings=("heading", "heading angle", "yaw", "yaw angle", "hdg", "ψ"),
-        part="motion",
-        noise_factor=0.3,
-        denoised=True,
-        scored=True,
-        size=1.0,
-    ),
-    Channel(
-        "x",
-        METRE,
-        "track north x",
-        short="x",
-        headings=("x position", "x pos", "north", "northing"),
-        part="motion",
-        size=100.0,
-    ),
-    Channel(
-        "y",
-        METRE,
-        "track east y",
-        short="y",
-        headings=("y position", "y pos", "east", "easting"),
-        part="motion",
-        size=100.0,
-    ),
-)
-_RUDDER = Channel("delta", RADIAN, "rudder δ", headings=("rudder", "rudder angle", "δ"), part="rudder")
-_PROPELLER = (
-    Channel(
-        "n",
-        REVOLUTION_PER_SECOND,
-        "propeller speed n",
-        headings=("rpm", "rps", "propeller", "shaft", "revs", "revolutions", "propeller speed", "shaft speed"),
-    ),
-    Channel("thrust", NEWTON, "propeller thrust", headings=("propeller thrust",)),
-    Channel("torque", NEWTON_METRE, "propeller torque", headings=("propeller torque", "shaft torque")),
-)
-_WIND = (
-    Channel(
-        "wind_speed",
-        METRE_PER_SECOND,
-        "true wind speed",
-        headings=("true wind speed", "wind velocity true", "wind velo true"),
-    ),
-    Channel(
-        "wind_direction",
-        RADIAN,
-        "direction the true wind comes from",
-        short="wind from",
-        headings=("true wind direction", "wind direction true", "wind dir true"),
-    ),
+
+def _channel(name: str, unit: Unit, label: str, **settings: Any) -> Channel:
+    """Channel with its headings in files."""
+    return Channel(name, unit, label, headings=_HEADINGS[name], **settings)
+
+
+def _motion(name: str, unit: Unit, label: str, size: float, **settings: Any) -> Channel:
+    """State of the motion."""
+    return _channel(name, unit, label, part="motion", size=size, **settings)
+
+
+def _noisy_motion(name: str, unit: Unit, label: str, size: float, *, k: float = 0.3, **settings: Any) -> Channel:
+    """State of the motion with noise of factor k, which is denoised."""
+    return _motion(name, unit, label, size, noise_factor=k, denoised=True, **settings)
+
+
+TIME = _channel("time", SECOND, "time")
+
+_CHANNELS = (
+    _noisy_motion("u", METRE_PER_SECOND, "surge velocity u", 5.0, short="u", fitted=True, scored=True),
+    _noisy_motion("v", METRE_PER_SECOND, "sway velocity v", 0.5, k=1.0, short="v", fitted=True, scored=True),
+    _noisy_motion("r", RADIAN_PER_SECOND, "yaw rate r", 0.005, short="r", fitted=True, scored=True),
+    _noisy_motion("p", RADIAN_PER_SECOND, "roll rate p", 0.005, short="p", rolling=True, fitted=True),
+    _noisy_motion("phi", RADIAN, "roll angle φ", 0.05, rolling=True, fitted=True, scored=True),
+    _noisy_motion("psi", RADIAN, "heading ψ", 1.0, scored=True),
+    _motion("x", METRE, "track north x", 100.0, short="x"),
+    _motion("y", METRE, "track east y", 100.0, short="y"),
+    _channel("delta", RADIAN, "rudder δ", part="rudder"),
+    _channel("n", REVOLUTION_PER_SECOND, "propeller speed n"),
+    _channel("thrust", NEWTON, "propeller thrust"),
+    _channel("torque", NEWTON_METRE, "propeller torque"),
+    _channel("wind_speed", METRE_PER_SECOND, "true wind speed"),
+    _channel("wind_direction", RADIAN, "direction the true wind comes from", short="wind from"),
 )
 
-CHANNELS = {channel.name: channel for channel in (*_MOTION, _RUDDER, *_PROPELLER, *_WIND)}
+CHANNELS = {channel.name: channel for channel in _CHANNELS}
 """Channels by name, in the order of a file; the motion in the order of the state vector."""
 
 
 def register_channel(channel: Channel) -> None:
-    """Add a channel to files, scaling, noise, denoising and pages, for this process.
+    """Add a channel, after the registered ones, to files, scaling, noise, denoising and pages, for this process.
 
     Parameters
     ----------
     channel : Channel
-        Placed after the registered channels.
 
     Raises
     ------
@@ -267,5 +183,4 @@ def file_columns() -> dict[str, Channel]:
     return {TIME.name: TIME} | CHANNELS
 
 
-SIMULATED = channel_names(lambda channel: channel.part != "auxiliary")
-"""Channels of a simulated record: motion and rudder."""
+SIMULATED = channel_names(lambda channel: channel.part != "auxiliary")  # motion and rudder

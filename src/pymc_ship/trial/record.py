@@ -1,4 +1,4 @@
-"""The record of a trial: an xr.Dataset over time with SNAME names and SI units; its checks and its CSV."""
+"""The record of a trial: an xr.Dataset over time with SNAME names and SI units; checks and CSV."""
 
 from __future__ import annotations
 
@@ -13,11 +13,8 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.files import staged_path
 from pymc_ship.trial.channels import CHANNELS
 
-OVER_GROUND = "over ground"
-"""Attribute ``speeds`` of a trial with u and v over ground; by default they are through the water."""
-
-_SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
-"""Median absolute second difference of white noise of sd 1: the normal quartile times sqrt(6)."""
+OVER_GROUND = "over ground"  # attribute ``speeds`` of a trial; by default u and v are through the water
+_SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)  # median |y_{k+1} - 2 y_k + y_{k-1}| of white noise of sd 1
 
 
 def as_trial(trial: object) -> xr.Dataset:
@@ -28,7 +25,6 @@ def as_trial(trial: object) -> xr.Dataset:
 
 
 def _kind(trials: object) -> str:
-    """Length of a list or type of anything else, for an error."""
     return f"{len(trials)} in a list" if isinstance(trials, list | tuple) else short_repr(type(trials))
 
 
@@ -49,38 +45,9 @@ def named_trials(trials: object) -> dict[str, xr.Dataset]:
 
 
 def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = True) -> xr.Dataset:
-    """Check that a trial has finite channels over increasing, uniform time.
+    """The trial itself, whose channels are finite over increasing time, uniform by :func:`is_uniform` unless waived.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-    channels : iterable of str
-        Required channels.
-    uniform : bool, optional
-        Whether the sampling interval must be constant (see :func:`is_uniform`).
-
-    Returns
-    -------
-    Dataset
-        The trial itself.
-
-    Raises
-    ------
-    TrialError
-        For anything else than a Dataset, missing channels, channels with other dims than time, NaN or infinity, and
-        times that do not increase or are not uniform.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> from pymc_ship.trial.record import check_trial
-    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=60, step=0.5)
-    >>> check_trial(trial, ["u", "psi"]) is trial
-    True
-    >>> check_trial(trial[["u"]], ["u", "psi"])
-    Traceback (most recent call last):
-        ...
-    pymc_ship.machine.errors.TrialError: The trial needs the channels u, psi; psi missing; add them.
+    TrialError for anything else than a Dataset, missing channels, other dims than time, NaN, infinity, wrong times.
     """
     if "time" not in as_trial(trial).coords:
         raise TrialError("A trial must have the coordinate time [s], found none; add it.")
@@ -174,7 +141,6 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
 def second_difference_sd(values: np.ndarray) -> np.ndarray:
     """Standard deviation of white noise on smooth channels, shape (n_channels,) from (n_channels, n_time).
 
-    The median of |y_{k+1} - 2 y_k + y_{k-1}| over 0.6745 sqrt(6): robust to a smooth signal and to outliers; too small
-    for noise that is correlated in time.
+    Robust to a smooth signal and to outliers; too small for noise that is correlated in time.
     """
     return np.median(np.abs(np.diff(values, 2, axis=-1)), axis=-1) / _SECOND_DIFFERENCE
