@@ -1,4 +1,4 @@
-"""Denoising of a signal and of a trial, by empirical-Bayes thresholding of wavelets or by a linear smoother."""
+"""Denoising of a signal and of a trial, by empirical-Bayes thresholding of wavelets or by a smoother."""
 
 from __future__ import annotations
 
@@ -19,10 +19,7 @@ from pymc_ship.trial.channels import channel_names
 from pymc_ship.trial.record import as_trial, check_trial
 
 METHODS = ("wavelet", *SMOOTHERS)
-"""Methods of :func:`denoise`."""
-
-MIN_LENGTH = 16
-"""Fewest samples of a signal: one level of wavelets and eight coefficients of the approximation."""
+MIN_LENGTH = 16  # samples: one level of wavelets and eight coefficients of the approximation
 
 
 def denoise(
@@ -51,8 +48,8 @@ def denoise(
     Returns
     -------
     Dataset
-        The trial with denoised channels. Attrs of the trial: ``denoised`` (names of the channels), ``denoise_wavelet``,
-        ``denoise_transform``, ``denoise_prior`` and the options, or ``denoise_method`` for a smoother. Attrs of each
+        Trial with denoised channels. Its attrs: ``denoised`` (names of the channels), ``denoise_wavelet``,
+        ``denoise_transform``, ``denoise_prior`` and the options, or ``denoise_method`` of a smoother. Attrs of each
         channel: ``noise_sdev`` and the parameter of a smoother, such as ``denoise_window``.
 
     Raises
@@ -74,12 +71,16 @@ def denoise(
     3 mm/s
     """
     trial = as_trial(trial)
-    choice = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant}
-    _check_method(method, denoise, choice | options)
+    choice: dict[str, Any] = {
+        "wavelet": wavelet,
+        "prior": prior,
+        "translation_invariant": translation_invariant,
+    } | options
+    _check_method(method, denoise, choice)
     names = channels_to_denoise(trial, channels)
 
     def smooth(name: str) -> tuple[np.ndarray, dict[str, Any]]:
-        return _denoise(trial[name].to_numpy(), f"channel {name}", method, choice | options)
+        return _denoise(trial[name].to_numpy(), f"channel {name}", method, choice)
 
     with thread_pool(2) as pool:
         results = list(pool.map(smooth, names))
@@ -89,8 +90,8 @@ def denoise(
     transform = "translation invariant" if translation_invariant else "decimated"
     record = {"wavelet": wavelet, "transform": transform, "prior": prior, **options}
     record = {"method": method} if method in SMOOTHERS else record
-    record = {f"denoise_{key}": value for key, value in record.items() if value is not None}
-    return denoised.assign_attrs(denoised=" ".join(names), **record)
+    attrs = {f"denoise_{key}": value for key, value in record.items() if value is not None}
+    return denoised.assign_attrs(attrs, denoised=" ".join(names))
 
 
 def channels_to_denoise(trial: xr.Dataset, channels: Sequence[str] | None) -> list[str]:
@@ -119,9 +120,8 @@ def denoise_signal(
 ) -> np.ndarray:
     """Denoise a uniformly sampled signal, by empirical-Bayes thresholding of its wavelet coefficients or a smoother.
 
-    Every level of detail is thresholded with its own weight and scale by :mod:`pymc_ship.records.denoising.ebayes`; the
-    noise sd is 1.4826 times the median absolute deviation, about the median, of the finest level. A signal without
-    noise is returned unchanged.
+    Every level of detail has its own weight and scale; the noise sd is 1.4826 times the median absolute deviation,
+    about the median, of the finest level. A signal without noise is returned unchanged.
 
     Parameters
     ----------
@@ -133,8 +133,7 @@ def denoise_signal(
     translation_invariant : bool, optional
         Whether to average over all shifts (stationary transform) or to use the decimated transform.
     method : {"wavelet", "savitzky_golay", "low_pass", "rts"}, optional
-        The smoothers take no option: generalised cross-validation chooses their window or cut-off, marginal likelihood
-        the variance of the random-walk slope.
+        The smoothers take no option: generalised cross-validation or marginal likelihood chooses their parameter.
     scale : float or None, optional
         Scale of the Laplace density; None estimates it.
     rule : {"median", "mean", "hard", "soft"}, optional
@@ -150,8 +149,8 @@ def denoise_signal(
     Raises
     ------
     ValueError
-        For an unknown method, wavelet, prior, rule or boundary, levels out of range, options that the method does not
-        have, or a signal that is too short, not one-dimensional or not finite.
+        For an unknown method, wavelet, prior, rule or boundary, levels out of range, options of another method, or a
+        signal that is too short, not one-dimensional or not finite.
 
     References
     ----------

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from pymc_ship.machine.arguments import check_choice
 
 DERIVATIVES = ("euler", "central", "savgol")
-"""Methods of :func:`derivative`."""
 
 
 def derivative(
@@ -24,29 +23,15 @@ def derivative(
     step : float
         Sampling step [s].
     method : {"euler", "central", "savgol"}, optional
-        "euler": forward difference, exact for records of explicit Euler steps; the last difference is repeated.
-        "central": second-order differences, one-sided at the ends. "savgol": derivative of the local least-squares
-        polynomial (Savitzky & Golay, Anal. Chem. 36:1627, 1964).
-    window : float, optional
-        Length of the Savitzky-Golay window [s], rounded to an odd number of samples, at least order + 2.
-    order : int, optional
-        Order of its polynomial.
+        "euler": forward difference, the last one repeated. "central": second-order differences, one-sided at the ends.
+        "savgol": of the local least-squares polynomial (Savitzky & Golay, Anal. Chem. 36:1627, 1964).
+    window, order : float and int, optional
+        Length of the Savitzky-Golay window [s], rounded to an odd number of samples, and order of its polynomial.
 
     Raises
     ------
     ValueError
-        For an unknown method, a step or window not positive, an order below 1, values that are not finite, or a signal
-        too short for the method.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pymc_ship.records.denoising.derivative import derivative
-    >>> time = 0.5 * np.arange(6)
-    >>> print(derivative(time**2, step=0.5, method="euler"))
-    [0.5 1.5 2.5 3.5 4.5 4.5]
-    >>> print(derivative(time**2, step=0.5, method="central"))
-    [0. 1. 2. 3. 4. 5.]
+        For an unknown method, a step, window or order out of range, a signal not finite or too short for the method.
     """
     signal = np.asarray(values, dtype=float)
     check_choice("The method", method, DERIVATIVES)

@@ -84,9 +84,8 @@ def denoise_signal_draws(
 ) -> np.ndarray:
     """Draw a signal from the posterior behind :func:`pymc_ship.denoise_signal`, shape (draws, n_time).
 
-    In one orthogonal wavelet basis the spike-and-slab posterior is exact. The translation-invariant estimate is a mean
-    over the bases of all shifts (Coifman & Donoho 1995, doi:10.1007/978-1-4612-2544-7_9): each draw takes one shift at
-    random, so that the mean of the draws is the estimate of the rule "mean". Noise sd and priors count as known.
+    In one orthogonal wavelet basis the spike-and-slab posterior is exact. Translation invariant, each draw takes one
+    shift at random (Coifman & Donoho 1995, doi:10.1007/978-1-4612-2544-7_9). Noise sd and priors count as known.
 
     Parameters
     ----------

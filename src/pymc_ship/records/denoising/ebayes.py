@@ -29,11 +29,8 @@ from pymc_ship.records.denoising.spike_and_slab import (
     weight_value,
 )
 
-PRIORS = ("laplace", "cauchy")
-"""Densities of the means that are not zero."""
-
-RULES = ("median", "mean", "hard", "soft")
-"""Posterior median, posterior mean, hard and soft thresholding."""
+PRIORS = ("laplace", "cauchy")  # densities of the means that are not zero
+RULES = ("median", "mean", "hard", "soft")  # posterior median, posterior mean, hard and soft thresholding
 
 THRESHOLDS = ("posterior_median", "bayes_factor")
 """`posterior_median`: the smallest |x| with a non-zero posterior median. `bayes_factor`: the |x| at which P(mean = 0 |
@@ -44,18 +41,10 @@ _COMPILING = Lock()
 
 @dataclass(frozen=True)
 class EbayesEstimate:
-    """Result of :func:`ebayes_threshold`.
+    """Result of :func:`ebayes_threshold`: means, noise ``sdev`` and ``threshold`` in the units of the data.
 
-    Attributes
-    ----------
-    estimate : ndarray
-        Estimated means, in the shape and units of the data, as ``sdev`` (of the noise) and ``threshold``.
-    weight : float
-        Probability that a mean is not zero.
-    scale : float
-        Scale a of the Laplace density in units of 1 / sdev; nan for the quasi-Cauchy density.
-    log_likelihood : float
-        Marginal log likelihood minus that of weight 0 (all means zero).
+    ``weight`` is the probability that a mean is not zero, ``scale`` a in units of 1 / sdev (nan if quasi-Cauchy),
+    ``log_likelihood`` the marginal one, less that of weight 0.
     """
 
     estimate: np.ndarray
@@ -98,16 +87,6 @@ def ebayes_threshold(
     ------
     ValueError
         For an unknown prior, rule or threshold, data that are empty or not finite, a scale or sdev not positive.
-
-    Examples
-    --------
-    Two of ten observations stand out from noise of standard deviation 1:
-
-    >>> import numpy as np
-    >>> from pymc_ship.records.denoising.ebayes import ebayes_threshold
-    >>> result = ebayes_threshold(np.array([0.3, -0.8, 5.0, 0.5, -0.1, 1.2, -7.0, -0.4, 0.9, 0.2]))
-    >>> print(result.estimate.round(1) + 0.0)
-    [ 0.   0.   4.5  0.   0.   0.  -6.5  0.   0.   0. ]
     """
     values = _observations(x)
     check_choice("The prior", prior, PRIORS)
@@ -133,10 +112,7 @@ def mad(x: ArrayLike) -> float:
 def fit_prior(
     x: ArrayLike, prior: str = "laplace", scale: float | None = 0.5, *, universal_bound: bool = True
 ) -> tuple[float, float, float]:
-    """Weight, scale (nan if quasi-Cauchy) and log likelihood, less that of weight 0, of maximum marginal likelihood.
-
-    Arguments and errors as :func:`ebayes_threshold`, in units of the noise.
-    """
+    """Weight, scale and log likelihood of maximum marginal likelihood, as in :class:`EbayesEstimate` with sdev 1."""
     check_choice("The prior", prior, PRIORS)
     size = np.abs(_observations(x)).ravel()
     bound = math.sqrt(2.0 * math.log(size.size)) if universal_bound else math.inf
@@ -158,10 +134,7 @@ def shrink(
     *,
     threshold: str = "posterior_median",
 ) -> np.ndarray:
-    """Estimate of each mean under a known prior, by one of :data:`RULES`, in units of the noise.
-
-    Weight and scale are broadcast against x by the rules "median" and "mean", single numbers for "hard" and "soft".
-    """
+    """Estimate of each mean under a known prior, by one of :data:`RULES`, in units of the noise."""
     check_choice("The rule", rule, RULES)
     if rule == "median":
         return posterior_median(x, weight, prior, scale)

@@ -27,7 +27,7 @@ class Shrinkage:
     fitted : tuple of (float, float)
         Weight and scale of each level of detail, coarsest first, in units of the noise; empty without noise.
     sdev : float
-        Standard deviation of the noise; 0 where it is within the accuracy of the filters.
+        Noise sd; 0 where it is within the accuracy of the filters.
     """
 
     signal: np.ndarray
@@ -50,7 +50,7 @@ class Shrinkage:
             self.sdev * shrink(detail / self.sdev, weight, self.prior, scale, rule)
             for detail, (weight, scale) in zip(details, self.fitted, strict=True)
         ]
-        return self._signal(wavelets.inverse(approximation, smooth, self.filters, self.translation_invariant))
+        return self._without_margins(wavelets.inverse(approximation, smooth, self.filters, self.translation_invariant))
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """One posterior draw, shape (n_time,), at a random shift if translation invariant."""
@@ -64,13 +64,13 @@ class Shrinkage:
             self.sdev * posterior_draw(detail / self.sdev, weight, self.prior, scale, rng=rng)
             for detail, (weight, scale) in zip(details, self.fitted, strict=True)
         ]
-        return self._signal(np.roll(wavelets.inverse(approximation, detail_draws, self.filters, False), shift))
+        padded = np.roll(wavelets.inverse(approximation, detail_draws, self.filters, False), shift)
+        return self._without_margins(padded)
 
     def _transform(self, padded: np.ndarray, translation_invariant: bool) -> tuple[np.ndarray, list[np.ndarray]]:
         return wavelets.transform(padded, self.filters, self.levels, translation_invariant)
 
-    def _signal(self, padded: np.ndarray) -> np.ndarray:
-        """Signal from its padded form."""
+    def _without_margins(self, padded: np.ndarray) -> np.ndarray:
         return padded[self.before : self.before + self.signal.size] + self.trend
 
 
@@ -96,11 +96,8 @@ def shrinkage(
     _, details = wavelets.transform(padded, filters, levels, translation_invariant)
     inside = [detail[wavelets.inside(detail.size, padded.size, before, after)] for detail in details]
     sdev = mad(inside[-1] - np.median(inside[-1]))
-    fitted: tuple[tuple[float, float], ...] = ()
-    if sdev <= wavelets.ACCURACY * np.abs(signal).max():
-        sdev = 0.0
-    else:
-        fitted = tuple(fit_prior(detail / sdev, prior, scale)[:2] for detail in inside)
+    sdev = sdev if sdev > wavelets.ACCURACY * np.abs(signal).max() else 0.0
+    fitted = tuple(fit_prior(detail / sdev, prior, scale)[:2] for detail in inside) if sdev else ()
     return Shrinkage(
         signal=signal,
         trend=trend,

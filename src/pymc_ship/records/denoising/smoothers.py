@@ -1,7 +1,6 @@
 """Linear smoothers with automatic choice of their parameter.
 
-The filters minimise n RSS / (n - tr H)^2, H the smoother matrix (Craven & Wahba 1979, doi:10.1007/BF01404567); the
-Rauch-Tung-Striebel smoother maximises the marginal likelihood.
+Filters: least n RSS / (n - tr H)^2, H the smoother matrix (Craven & Wahba 1979, doi:10.1007/BF01404567).
 """
 
 from __future__ import annotations
@@ -13,17 +12,10 @@ import numpy as np
 
 from pymc_ship.records.denoising import wavelets
 
-POLYNOMIAL_ORDER = 3
-"""Order of the polynomial of the Savitzky-Golay filter."""
-
+POLYNOMIAL_ORDER = 3  # of the Savitzky-Golay filter
 BUTTERWORTH_ORDER = 4
-"""Order of the low-pass filter."""
-
-SMALLEST_Q, LARGEST_Q = 1e-13, 1e4
-"""Range of the variance of the second differences over that of the noise; below it the matrices become singular."""
-
-_RATIO = 1.15
-"""Ratio of successive windows or cut-offs in the search."""
+SMALLEST_Q, LARGEST_Q = 1e-13, 1e4  # var(w) / var(e) of :func:`rts`; below it the matrices become singular
+_RATIO = 1.15  # of successive windows or cut-offs in the search
 
 
 class Smooth(NamedTuple):
@@ -51,7 +43,8 @@ def savitzky_golay(signal: np.ndarray) -> Smooth:
         window, offsets = 2 * half + 1, np.arange(-half, half + 1)
         norm = (2.0 * half - 1.0) * (2.0 * half + 1.0) * (2.0 * half + 3.0) / 3.0
         weights = (3.0 * half * half + 3.0 * half - 1.0 - 5.0 * offsets**2) / norm
-        begin, end = (np.polynomial.Polynomial.fit(offsets, part, 3)(offsets) for part in _ends(signal, window))
+        ends = signal[:window], signal[-window:]
+        begin, end = (np.polynomial.Polynomial.fit(offsets, part, 3)(offsets) for part in ends)
         middle = oaconvolve(signal, weights, "valid")
         estimate = np.concatenate([begin[:half], middle, end[half + 1 :]])
         trace = (n_time - window) * weights[half] + POLYNOMIAL_ORDER + 1
@@ -100,8 +93,7 @@ def rts(signal: np.ndarray) -> Smooth:
     optimum = minimize_scalar(lambda log_q: solve(log_q)[0], bounds=(best - 1.0, best + 1.0), method="bounded")
     log_q = float(np.clip(optimum.x, np.log(SMALLEST_Q), np.log(LARGEST_Q)))
     _, weights, variance = solve(log_q)
-    padded = np.pad(weights, 2)
-    return Smooth(signal - np.diff(padded, 2), float(np.sqrt(variance)), float(np.exp(log_q)))
+    return Smooth(signal - np.diff(np.pad(weights, 2), 2), float(np.sqrt(variance)), float(np.exp(log_q)))
 
 
 SMOOTHERS = {
@@ -109,7 +101,6 @@ SMOOTHERS = {
     "low_pass": Smoother(low_pass, "cutoff"),
     "rts": Smoother(rts, "q"),
 }
-"""Smoothers by name."""
 
 
 def smooth_signal(signal: np.ndarray, method: str) -> Smooth:
@@ -123,10 +114,6 @@ def _grid(first: int, last: int) -> list[int]:
     """Integers from the first to the last, about geometrically spaced."""
     count = int(np.log(last / first) / np.log(_RATIO)) + 2
     return np.unique(np.geomspace(first, last, count).round().astype(int)).tolist()
-
-
-def _ends(signal: np.ndarray, window: int) -> tuple[np.ndarray, np.ndarray]:
-    return signal[:window], signal[-window:]
 
 
 def _cross_validation(signal: np.ndarray, estimate: np.ndarray, trace: float) -> tuple[float, np.ndarray, float]:

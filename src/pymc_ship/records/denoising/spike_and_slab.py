@@ -1,7 +1,6 @@
 """Compiled kernels of :mod:`pymc_ship.records.denoising.ebayes`; ``a`` is the Laplace scale, nan for quasi-Cauchy.
 
-With s = max(x - a, 0)^2/2, R(z) = Phi(z)/phi(z) and M the Mills ratio, exp(-s) R(x - a) and exp(-s) M(x + a) are
-bounded, so that nothing overflows.
+s = max(x - a, 0)^2/2, R(z) = Phi(z)/phi(z), M the Mills ratio: exp(-s) R(x - a) and exp(-s) M(x + a) are bounded.
 """
 
 from __future__ import annotations
@@ -11,9 +10,7 @@ import math
 import numpy as np
 from numba import njit, vectorize
 
-SCALE_BOX = (0.04, 3.0)
-"""Range in which the scale of the Laplace density is estimated, in units of 1 / noise standard deviation."""
-
+SCALE_BOX = (0.04, 3.0)  # range in which the scale of the Laplace density is estimated [1 / noise sd]
 _GRID = np.linspace(math.log(SCALE_BOX[0]), math.log(SCALE_BOX[1]), 10)
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 _SMALLEST = 1e-300

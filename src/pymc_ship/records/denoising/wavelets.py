@@ -13,8 +13,7 @@ BOUNDARIES = ("reflect", "periodic")
 """Extension past the ends. `reflect`: mirror image of the signal minus a parabola with its end slopes. `periodic`:
 repetition of the signal."""
 
-ACCURACY = 1e-11
-"""Relative accuracy of the filters of PyWavelets."""
+ACCURACY = 1e-11  # relative, of the filters of PyWavelets
 
 
 def transform(

@@ -1,10 +1,10 @@
 """Files of trials as a logger wrote them, and what sensors add to a clean record.
 
-- `reading`: a trial file, read into the record of a trial.
+- `reading`: a trial file as the record of a trial.
 - `format`: columns, units, signs and frame of a file, as TOML.
-- `columns`: names of columns and what they are known by.
-- `time_base`: time stamps, sorted out.
-- `noise`: noise of given kinds put on a clean record.
+- `columns`: headings of columns, their channels and units.
+- `time_base`: uniform time from the stamps of a logger.
+- `noise`: noise of given kinds added to a clean record.
 - `instruments`: sensors with resolution, gaps and jitter.
-- `quality_flags`: what the checks found of the records of an identification.
+- `quality_flags`: verdict and remarks of the checks, in the attrs of a record.
 """

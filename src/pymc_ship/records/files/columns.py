@@ -73,15 +73,14 @@ def matched_columns(
 ) -> tuple[dict[str, Column], list[str]]:
     """Columns of a file by channel, time first, and sentences on interpreted and unused headings.
 
-    ``units`` is the row below the headings; ``chosen`` (channel -> ``{"column", "unit", "sign", "offset"}``) has
-    priority over the headings; ``unstated`` are units of channels without one, if not SI; ``where`` names the file in
-    errors. TrialError for a column that is missing, ambiguous or without a readable unit.
+    ``units`` is the row below the headings; ``chosen`` (channel -> ``{"column", "unit", "sign", "offset"}``) precedes
+    them; ``unstated`` are units of channels without one, if not SI. TrialError for a column that is missing, ambiguous
+    or without a readable unit.
     """
-    matched = {}
-    for channel, choice in chosen.items():
-        matched[channel] = _chosen_column(
-            file_columns()[channel], choice, headings, units, unstated.get(channel), where
-        )
+    matched = {
+        name: _chosen_column(file_columns()[name], choice, headings, units, unstated.get(name), where)
+        for name, choice in chosen.items()
+    }
     left_out, candidates_by_channel = _candidates(headings, units, matched, where, unstated)
     for channel, columns in candidates_by_channel.items():
         matched[channel] = _single_column(channel, columns, where)
@@ -121,9 +120,8 @@ def _candidates(
         else:
             left_out.append(heading)
     for heading, unreadable in errors.items():
-        if {*matched, *candidates_by_channel}.isdisjoint(
-            one.name for one in _channels_named(_name_and_unit(heading)[0])
-        ):
+        channels = _channels_named(_name_and_unit(heading)[0])
+        if {*matched, *candidates_by_channel}.isdisjoint(channel.name for channel in channels):
             raise unreadable
     return left_out, candidates_by_channel
 
@@ -139,12 +137,11 @@ def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[s
 
 
 def _single_column(channel: str, columns: list[Column], where: str) -> Column:
-    exact = [column for column in columns if column.heading == channel]
-    candidates = exact or columns
+    candidates = [column for column in columns if column.heading == channel] or columns
     if len(candidates) > 1:
+        names = ", ".join(repr(column.heading) for column in candidates)
         raise TrialError(
-            f"{where}: {channel} is to be read from one column, found "
-            f"{', '.join(repr(column.heading) for column in candidates)}; name one of them in a format file."
+            f"{where}: {channel} is to be read from one column, found {names}; name one of them in a format file."
         )
     return candidates[0]
 
@@ -205,8 +202,7 @@ def _chosen_column(
             f"{where}: the format reads {channel.name} from one column {wanted!r}, found "
             f"{len(matched)} of this name among {', '.join(headings)}; correct the format."
         )
-    stated = choice.get("unit") or _name_and_unit(wanted)[1] or units[matched[0]]
-    unit = stated or unstated or channel.unit.name
+    unit = choice.get("unit") or _name_and_unit(wanted)[1] or units[matched[0]] or unstated or channel.unit.name
     factor = channel.unit.factor(unit)
     if factor is None:
         raise TrialError(_unknown_unit(where, wanted, channel, unit))

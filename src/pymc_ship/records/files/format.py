@@ -14,8 +14,7 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
 from pymc_ship.trial.channels import CHANNELS, file_columns
 
-DELIMITERS = (",", ";", "\t", " ")
-"""Delimiters of a trial file; the space stands for any white space."""
+DELIMITERS = (",", ";", "\t", " ")  # the space stands for any white space
 
 _FRAME = {
     "velocities": ("body", "earth"),
@@ -44,7 +43,7 @@ class TrialFormat:
     rudder_positive : {"port", "starboard"}
         Side to which a positive rudder angle turns the ship.
     speeds : {"through water", "over ground"}
-        Reference of u and v; it matters in a current.
+        Reference of u and v.
     wind : {"true", "relative"}
         Reference of wind_speed and wind_direction; a relative direction counts from the bow.
     forces : {"L2", "Ld"}
@@ -52,7 +51,7 @@ class TrialFormat:
     froude : float
         Scale: length of the ship over that of the model.
     delimiter : str or None
-        One of :data:`DELIMITERS`; found from the header by default.
+        One of :data:`DELIMITERS`; by default that of the header.
     skip_rows : int
         Lines before the header.
     facility : str
@@ -79,10 +78,7 @@ class TrialFormat:
 
 
 def load_format(source: str | Path | Mapping[str, Any] | None) -> TrialFormat:
-    """Read and check a format: path of a TOML file, or the table in it; None for the package's own format.
-
-    TrialError for a file that cannot be read, unknown keys and values that do not fit.
-    """
+    """Checked format, from a TOML file or its table; None for the format of the package; TrialError for a wrong one."""
     if source is None:
         return TrialFormat()
     return _format(toml_table(source, "The format", TrialError))
@@ -173,10 +169,7 @@ def at_origin(
 def with_true_wind(
     channels: dict[str, np.ndarray], layout: TrialFormat, where: str
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Channels with true wind speed and direction, from which it blows, clockwise from north; a sentence on it.
-
-    TrialError for a relative wind without one of its channels, u, v or psi.
-    """
+    """Channels with true wind, clockwise from north where it blows from; a sentence. TrialError if one is missing."""
     if layout.wind == "true":
         return channels, []
     _check_channels(channels, ("wind_speed", "wind_direction", "u", "v", "psi"), "wind = 'relative'", where)

@@ -1,4 +1,4 @@
-"""Instruments: noise, resolution, missing samples and jitter of the clock; presets by type."""
+"""Instruments: noise, resolution, missing samples and jitter of the clock, by type."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DEG = math.radians(1.0)
 
 
 class Noise(Protocol):
-    """A kind of noise: any function of a clean trial and a generator that returns the trial as it is measured."""
+    """A kind of noise: a function of a clean trial and a generator that returns the measured trial."""
 
     def __call__(self, clean: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
         """Polluted copy of the clean trial."""
@@ -30,9 +30,8 @@ class Noise(Protocol):
 class Instrument:
     """Readings of one instrument; channels that a trial lacks are ignored.
 
-    A reading is the clean channel at the true instant of the clock, plus white noise, rounded to the resolution; its
-    time stamp is nominal. Missing samples come in runs of geometric length and are NaN in all channels of the
-    instrument.
+    A reading is the clean channel at the true instant, plus white noise, rounded to the resolution; its time stamp is
+    nominal. Missing samples come in runs of geometric length and are NaN in all channels of the instrument.
 
     Attributes
     ----------
@@ -81,19 +80,22 @@ class Instrument:
         numbers = (*self.sd.values(), *self.resolution.values(), self.jitter, self.missing, self.run - 1.0)
         if not all(0.0 <= number < math.inf for number in numbers) or self.missing >= 1.0:
             raise TrialError(
-                "An instrument has an sd, resolution and jitter from 0 up, a share of missing samples below 1 and runs "
-                f"of 1 or more, found {self}; correct it."
+                "An instrument has an sd, resolution and jitter from 0 up, a fraction of missing samples below 1 and "
+                f"runs of 1 or more, found {self}; correct it."
             )
 
     def __call__(self, clean: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
         """Trial with the readings of this instrument."""
+        from scipy.interpolate import CubicSpline
+
         names = [name for name in self.sd if name in clean]
         check_trial(clean, names, uniform=False)
         read, time = clean.copy(), clean["time"].values
         instants = time + self.jitter * rng.standard_normal(time.size)
         missing = _missing(time.size, self.missing, self.run, rng)
         for name in names:
-            values = _at(instants, time, clean[name].values) if self.jitter else clean[name].values
+            values = clean[name].values
+            values = CubicSpline(time, values)(instants) if self.jitter else values
             values = values + self.sd[name] * rng.standard_normal(time.size)
             if step := self.resolution.get(name, 0.0):
                 values = step * np.round(values / step)
@@ -115,24 +117,23 @@ INSTRUMENTS = {
 }
 """Instruments by type, each with the published numbers of one.
 
-- ``gnss``: u-blox MAX-M8Q, velocity 0.05 m/s, position 2.5 m CEP = 1.1774 sd of a coordinate; message UBX-NAV-PVT in
-  mm/s and 1e-7 deg. Assumed: the velocity's accuracy is an sd, and 1 % of the fixes are missing, 3 at a time.
+- ``gnss``: u-blox MAX-M8Q, velocity 0.05 m/s (taken as an sd), position 2.5 m CEP = 1.1774 sd of a coordinate; message
+  UBX-NAV-PVT in mm/s and 1e-7 deg. Assumed: 1 % of the fixes are missing, 3 at a time.
 - ``mems_gyro``: InvenSense MPU-6050 (PS-MPU-6000A-00 rev. 3.4, 6.1), 0.05 deg/s rms in 100 Hz, 131 steps for 1 deg/s.
 - ``mru``: Kongsberg Seatex MRU 5, third generation, roll to 0.03 deg rms; two decimals in the sentence PSXN.
 - ``fluxgate_compass``: Simrad RFC35NS (manual of the Robertson AP9 Mk3, 4.5), 0.2 deg rms, NMEA 0183 HDM with one
-  decimal 10 times a second, so that a reading is up to 0.1 s old: an error of the instants, the jitter.
+  decimal at 10 Hz: a reading is up to 0.1 s old, the jitter.
 """
 
 
 def simulate_readings(
     clean: xr.Dataset, noise: str | Noise | Sequence[str | Noise], rng: np.random.Generator
 ) -> xr.Dataset:
-    """Trial with noise, by names of :data:`INSTRUMENTS` or functions of a trial and a generator.
-
-    TrialError for an unknown name, two instruments for a channel, a function that returns no trial of the same times.
-    """
+    """Trial with noise, by names of :data:`INSTRUMENTS` or functions; TrialError for noise that cannot be used."""
     kinds: Sequence[str | Noise] = [noise] if isinstance(noise, str) or callable(noise) else list(noise)
-    functions = [_named(kind) if isinstance(kind, str) else kind for kind in kinds]
+    for kind in [kind for kind in kinds if isinstance(kind, str)]:
+        check_choice("An instrument", kind, INSTRUMENTS, TrialError)
+    functions = [INSTRUMENTS[kind] if isinstance(kind, str) else kind for kind in kinds]
     channels = [name for one in functions if isinstance(one, Instrument) for name in one.sd]
     if twice := sorted({name for name in channels if channels.count(name) > 1}):
         raise TrialError(f"A channel has one instrument, found two for {', '.join(twice)}; leave one of them out.")
@@ -145,18 +146,6 @@ def simulate_readings(
                 f"{type(trial).__name__}; return the polluted copy."
             )
     return trial
-
-
-def _named(kind: str) -> Instrument:
-    check_choice("An instrument", kind, INSTRUMENTS, TrialError)
-    return INSTRUMENTS[kind]
-
-
-def _at(instants: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Channel at other instants, by the cubic spline through its samples."""
-    from scipy.interpolate import CubicSpline
-
-    return CubicSpline(time, values)(instants)
 
 
 def _missing(n_time: int, fraction: float, run: float, rng: np.random.Generator) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Sensor noise: what simulated records are polluted with (Xue et al. 2020, Eq. 22), and how much a record has."""
+"""Sensor noise of simulated records (Xue et al. 2020, Eq. 22)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,8 @@ from pymc_ship.records.files.instruments import Noise, simulate_readings
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, default_channels
 from pymc_ship.trial.record import as_trial, check_trial
 
-LITERAL_LEVEL = 0.2**0.5
-"""The paper's literal level: xi has variance 0.2, that is a standard deviation of 0.447."""
-
-RECORD_STEP = 0.02
-"""Sampling interval [s] of the simulated records that the time constants of correlated noise are made for."""
+LITERAL_LEVEL = 0.2**0.5  # the paper's literal level: xi has variance 0.2
+RECORD_STEP = 0.02  # sampling interval [s] of the records that the correlated noise is for
 
 
 def _white(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
@@ -33,8 +30,8 @@ def _student(values: np.ndarray, sd: float, peak: float, rng: np.random.Generato
     return values + sd * (rng.standard_t(3.0, values.size) / np.sqrt(3.0))
 
 
-def _correlated(time_constant: float) -> Callable[..., np.ndarray]:
-    """First-order autoregression from its stationary state."""
+def _autoregression(time_constant: float) -> Callable[..., np.ndarray]:
+    """First-order autoregression from its stationary state; the time constant in s."""
     correlation = np.exp(-RECORD_STEP / time_constant)
 
     def noisy(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
@@ -49,8 +46,8 @@ def _correlated(time_constant: float) -> Callable[..., np.ndarray]:
 
 NOISES = {
     "white": _white,
-    "correlated 0.2 s": _correlated(0.2),
-    "correlated 1 s": _correlated(1.0),
+    "correlated 0.2 s": _autoregression(0.2),
+    "correlated 1 s": _autoregression(1.0),
     "offsets": _offset,
     "Student-t3": _student,
 }
@@ -96,8 +93,7 @@ def pollute(
     -------
     Dataset, dims (time,)
         Copy with noise; attrs ``noise_level`` and ``noise_sd_<channel>`` in the channel's unit. Samples that an
-        instrument misses are NaN: :func:`pymc_ship.write_trial` writes them, :func:`pymc_ship.read_trial` fills short
-        runs.
+        instrument misses are NaN; :func:`pymc_ship.read_trial` fills short runs.
 
     Raises
     ------

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import xarray as xr
 
-VERDICTS = ("good", "not checked", "doubtful", "bad")
-"""From best to worst; a trial with a bad check is not fitted."""
+VERDICTS = ("good", "not checked", "doubtful", "bad")  # a trial with a bad check is not fitted
 
 
 def worst_verdict(verdicts: Iterable[str]) -> str:
@@ -21,11 +20,7 @@ def with_quality_flags(trial: xr.Dataset, verdict: str, remarks: Sequence[str]) 
 
 
 def quality_flags(trials: Sequence[xr.Dataset], names: Sequence[str] = ()) -> dict[str, str]:
-    """Attrs of a posterior: ``record_verdict``, the worst of its trials, and ``record_remarks``, one line per remark.
-
-    A trial without flags of :func:`pymc_ship.validated_trial` is "not checked"; ``names`` of trials precede their
-    remarks.
-    """
+    """Attrs of a posterior: worst ``record_verdict`` of its trials, and all ``record_remarks`` by their ``names``."""
     heads = [f"{name}: " for name in names] or [""] * len(trials)
     remarks = [
         f"{head}{remark}"

@@ -1,4 +1,4 @@
-"""Reading of trial files: text or gzip, any usual delimiter, headings with units, rows with gaps -> the record."""
+"""Reading of trial files: text or gzip, any usual delimiter, headings with units, rows with gaps."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ from pymc_ship.trial.record import OVER_GROUND
 
 _COMMENTS = ("#", "%")
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
-_LARGEST = 1e30
-"""Numbers from here up count as missing, numbers below its inverse as zero."""
+_LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
 
 def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -122,7 +121,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     if len(content) < 3:
         raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(content)} lines; check it.")
     delimiter = layout.delimiter or _delimiter(content[0][1])
-    rows = [(number, _split(line, delimiter)) for number, line in content[1:]]
+    rows = [(number, _cells_of_line(line, delimiter)) for number, line in content[1:]]
     headings = _headings(content[0][1], delimiter, len(rows[0][1]))
     units = [""] * len(headings)
     if _is_unit_row(rows[0][1]):
@@ -134,7 +133,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:
     """Lines with the header first; it may be the last comment before the numbers."""
-    if not content or not _is_number(_split(content[0][1], _delimiter(content[0][1]))[0]):
+    if not content or not _is_number(_cells_of_line(content[0][1], _delimiter(content[0][1]))[0]):
         return content
     before = [(number, line.strip(" \t#%")) for number, line in comments if number < content[0][0]]
     return [*before[-1:], *content]
@@ -145,7 +144,7 @@ def _delimiter(header: str) -> str:
     return next((delimiter for delimiter in (";", "\t", ",") if delimiter in plain), " ")
 
 
-def _split(line: str, delimiter: str) -> list[str]:
+def _cells_of_line(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         return line.split()
     if '"' in line:
@@ -157,7 +156,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
     """Names in the header; in a table with white space a bracketed unit belongs to the name before it."""
     if delimiter != " ":
-        headings = [heading.strip() for heading in _split(line, delimiter)]
+        headings = [heading.strip() for heading in _cells_of_line(line, delimiter)]
     else:
         joined = re.sub(r"\s+([\[(])", r"\1", line.strip())
         headings = joined.split()

@@ -1,4 +1,4 @@
-"""Uniform time base of a recorded trial: rounded and repeated stamps, jitter, gaps and missing cells; each reported."""
+"""Uniform time base of a recorded trial, from rounded, repeated and uneven stamps; each change is reported."""
 
 from __future__ import annotations
 
@@ -12,20 +12,11 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.trial.channels import SIMULATED
 from pymc_ship.trial.record import is_uniform
 
-FILLED_SAMPLES, FILLED_SECONDS = 5, 2.0
-"""Longest run of missing samples that is interpolated, the longer of the two."""
-
-_STRAY_FRACTION = 0.01
-"""Largest fraction of rows out of order that are dropped one by one; more are a new run."""
-
-_REPEATED_FRACTION = 0.1
-"""Fraction of repeated stamps from which the clock is coarse."""
-
-_FEWEST_DIGITS = 3
-"""Least number of significant digits of a stamp."""
-
-_MOST_SAMPLES = 10
-"""Largest ratio of samples after and before resampling."""
+FILLED_SAMPLES, FILLED_SECONDS = 5, 2.0  # longest run of missing samples that is interpolated, the longer of the two
+_STRAY_FRACTION = 0.01  # largest fraction of rows out of order that are dropped one by one; more are a new run
+_REPEATED_FRACTION = 0.1  # of stamps, from which the clock is coarse
+_FEWEST_DIGITS = 3  # significant digits of a stamp
+_MOST_SAMPLES = 10  # largest ratio of samples after and before resampling
 
 Channels = dict[str, np.ndarray]
 Rows = tuple[np.ndarray, np.ndarray, Channels]
@@ -48,15 +39,15 @@ def regular(
 ) -> tuple[np.ndarray, Channels, list[str]]:
     """Uniform time, finite channels, and a sentence on each change.
 
-    ``time`` are the stamps [s] and ``quantum`` their resolution [s]; NaN marks missing stamps and cells; ``where``
-    names the file in errors. TrialError for fewer than two complete samples, or very uneven sampling.
+    ``time`` are the stamps [s] and ``quantum`` their resolution [s]; NaN marks missing stamps and cells. TrialError for
+    fewer than two complete samples or very uneven sampling; ``where`` names the file.
     """
     notes: list[str] = []
     keep = np.isfinite(time)
     if not keep.all():
         notes.append(f"{_count((~keep).sum(), 'row')} without a time left out.")
         time, quantum, channels = _rows(keep, time, quantum, channels)
-    for step in (_increasing, _filled, _longest_piece):
+    for step in (_increasing, _fill_short_gaps, _longest_piece):
         time, quantum, channels, note = step(time, quantum, channels)
         notes += note
     if time.size < 2 or not channels:
@@ -128,7 +119,7 @@ def _longest_fill(time: np.ndarray) -> float:
     return 1.001 * max((FILLED_SAMPLES + 1) * typical_step(time), FILLED_SECONDS)
 
 
-def _filled(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
+def _fill_short_gaps(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
     """Short runs of missing cells interpolated; rows of long runs and channels that miss most cells dropped."""
     if time.size < 2:
         return time, quantum, channels, []
@@ -143,8 +134,8 @@ def _filled(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[
         if long.sum() > 0.5 * time.size or (name not in SIMULATED and long.any()) or missing.all():
             notes.append(f"{name} left out: {missing.sum()} of {time.size} cells are missing.")
             continue
-        filled[name] = values.copy()
-        filled[name][short] = np.interp(np.flatnonzero(short), np.flatnonzero(~missing), values[~missing])
+        index = np.arange(time.size)
+        filled[name] = np.where(short, np.interp(index, index[~missing], values[~missing]), values)
         if short.any():
             notes.append(f"{name}: {short.sum()} of {time.size} cells missing, filled by interpolation.")
         if long.any():
@@ -193,26 +184,22 @@ def _uniform(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: s
         if line is None:
             continue
         begin, step = line
-        grid = np.arange(positions[-1] + 1)
+        grid, jumps = np.arange(positions[-1] + 1), np.diff(positions)
         resampled = {name: np.interp(grid, positions, values) for name, values in channels.items()}
         change = np.abs(begin + step * positions - time).max()
         note = []
         if change > 1e-3 * step:
             again = f"{repeated} of {n} time stamps repeated, " if repeated else ""
-            note.append(
-                f"{again}{step_range}, probably rounded by the logger: replaced by a uniform step of {step:.7g} s "
-                f"(largest change {change:.2g} s)"
-            )
+            uniform = f"replaced by a uniform step of {step:.7g} s (largest change {change:.2g} s)"
+            note.append(f"{again}{step_range}, probably rounded by the logger: {uniform}")
         if grid.size > n:
-            note.append(
-                f"{_count(int((np.diff(positions) > 1).sum()), 'gap')} of up to "
-                f"{_count(int(np.diff(positions).max()) - 1, 'sample')}: {grid.size - n} filled by interpolation"
-            )
+            gaps = f"{_count(int((jumps > 1).sum()), 'gap')} of up to {_count(int(jumps.max()) - 1, 'sample')}"
+            note.append(f"{gaps}: {grid.size - n} filled by interpolation")
         return begin + step * grid, resampled, "; ".join(note or [f"{step_range} made uniform"]) + "."
-    return _resampled(time, channels, where, step_range)
+    return _resample(time, channels, where, step_range)
 
 
-def _resampled(time: np.ndarray, channels: Channels, where: str, step_range: str) -> tuple[np.ndarray, Channels, str]:
+def _resample(time: np.ndarray, channels: Channels, where: str, step_range: str) -> tuple[np.ndarray, Channels, str]:
     """Channels interpolated to the mean step of the intervals without gaps."""
     first = np.concatenate([[True], np.diff(time) > 0.0])
     time, repeated = time[first], int((~first).sum())
@@ -256,12 +243,11 @@ def _line(positions: np.ndarray, time: np.ndarray, tolerance: np.ndarray) -> tup
         return float(time[0]), float(step)
     from scipy.optimize import linprog
 
-    ones = np.ones(time.size)
-    table = np.column_stack([ones, positions, -tolerance])
+    table, elapsed = np.column_stack([np.ones(time.size), positions, -tolerance]), time - time[0]
     solution = linprog(
         [0.0, 0.0, 1.0],
         A_ub=np.vstack([table, table * [-1.0, -1.0, 1.0]]),
-        b_ub=np.concatenate([time, -time]) - np.concatenate([time[0] * ones, -time[0] * ones]),
+        b_ub=np.concatenate([elapsed, -elapsed]),
         bounds=[(None, None), (None, None), (0.0, None)],
     )
     if solution.status != 0 or solution.x[2] > 1.0 + 1e-6 or solution.x[1] <= 0.0:

@@ -1,4 +1,4 @@
-"""Measured manoeuvre from its first execute on, and its indices, for comparison with a forecast."""
+"""Measured manoeuvre from its first execute on, and its indices."""
 
 from __future__ import annotations
 
@@ -53,18 +53,17 @@ def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
 
 
 def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
-    """Indices of a measured trial of the manoeuvre in ``attrs``, as far as its channels allow; else NaN.
+    """Indices of a measured trial of the manoeuvre in ``attrs`` (as for :func:`pymc_ship.indices`), else NaN.
 
     The motion is denoised first, as peaks of noisy values are too large. A missing yaw rate is the slope of the
     heading, missing velocities are those of the track. Overshoots of a zigzag steered by hand count from its own rudder
-    reversals; a turning circle ends with the fixed rudder. ``attrs`` are those of :func:`pymc_ship.indices`, with
-    ``rudder_delay`` [s].
+    reversals.
     """
     return indices_of_denoised(denoise_motion(measured), attrs)
 
 
 def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
-    """Indices of a denoised trial; arguments and result as :func:`measured_indices`."""
+    """Indices of a denoised trial, as :func:`measured_indices`."""
     kind = kind_named(attrs["manoeuvre"])
     trial = align_to_first_execute(smooth).dropna("time")
     if "psi" not in trial or trial.sizes["time"] < 3:
@@ -87,9 +86,8 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
         has |= {"u", "v"} if {"x", "y"} <= has else set()
     channels.setdefault("phi", np.zeros(time.size))
     table = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, settings))
-    return {
-        name: float(table[name]) if has.issuperset(kind.indices[name].needs) else np.nan for name in map(str, table)
-    }
+    measurable = {str(name): has.issuperset(kind.indices[str(name)].needs) for name in table}
+    return {name: float(table[name]) if ok else np.nan for name, ok in measurable.items()}
 
 
 def _hand_steered_reversals(trial: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
@@ -129,10 +127,7 @@ def index_draws(
     rng: np.random.Generator,
     corrected: Callable[[xr.Dataset], xr.Dataset] = lambda smooth: smooth,
 ) -> dict[str, np.ndarray]:
-    """Draws of each index of a measured trial, from draws of its denoised motion; empty if it cannot be denoised.
-
-    ``measured`` and ``attrs`` as for :func:`measured_indices`; ``corrected`` is applied to each denoised draw.
-    """
+    """Draws of each index from draws of the denoised motion, each ``corrected``; empty if it cannot be denoised."""
     names = denoisable_channels(measured)
     if not names:
         return {}

@@ -1,7 +1,6 @@
 """Recognition of standard manoeuvres in records; rate and delay of the steering gear.
 
-Each reversal of a zigzag gives one equation, |heading at the begin| = H + delay |r|, with a whole number H [deg] per
-run and one delay for all runs of a ship.
+Each reversal of a zigzag: |heading at the begin| = H + delay |r|, a whole number H [deg] per run, one delay per ship.
 """
 
 from __future__ import annotations
@@ -27,9 +26,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import check_trial, facility_of, trial_list
 
-STEERED = ("u", "r", "psi", "delta")
-"""Channels that recognition needs."""
-
+STEERED = ("u", "r", "psi", "delta")  # channels that recognition needs
 _LONGEST_DELAY = 0.2  # L/U
 _USUAL_DELAY = 0.5  # of the longest; mean of the exponential prior of the delay
 _DELAYS = 201
@@ -40,11 +37,7 @@ _RESOLVED = 0.1  # deg, resolution of the heading of an order
 
 @dataclass(frozen=True)
 class Steering:
-    """Steering gear and approach speed as measured in some runs; NaN where no run shows it.
-
-    ``rudder_rate_deg`` [deg/s], ``rudder_delay`` [s] over ``n_reversals`` reversals; ``approach_speed`` [m/s] if
-    common.
-    """
+    """Rudder rate [deg/s] and delay [s] over ``n_reversals`` reversals, common approach speed [m/s]; NaN if unknown."""
 
     rudder_rate_deg: float
     rudder_delay: float
@@ -98,10 +91,7 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
 def recognise_by_facility(
     trials: Sequence[xr.Dataset], vessel: VesselLike
 ) -> tuple[list[Manoeuvre | None], dict[str, Steering]]:
-    """Manoeuvres of all trials, and the steering gear of each facility by name, that with most trials first.
-
-    The name is empty if a trial states none. Parameters and errors as :func:`recognise`.
-    """
+    """Manoeuvres of all trials, and the steering gear by name of the facility (may be empty), most trials first."""
     names = [facility_of(trial) for trial in trials]
     manoeuvres: list[Manoeuvre | None] = [None] * len(names)
     facilities = {}

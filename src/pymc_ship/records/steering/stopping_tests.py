@@ -8,20 +8,10 @@ import xarray as xr
 from pymc_ship.physics.manoeuvre.events import Record
 from pymc_ship.records.steering.measured import denoise_motion
 
-LABEL = "stopping test"
-"""Name of the manoeuvre in tables."""
-
-LIMIT, LARGE = 15.0, 20.0
-"""Largest track reach [L] of IMO MSC.137(76): in general, and for ships of large displacement."""
-
-INDICES = {
-    "track_reach": "m",
-    "head_reach": "m",
-    "lateral_deviation": "m",
-    "stopping_time": "s",
-    "heading_change": "deg",
-}
-"""Indices of the test and their units."""
+LABEL = "stopping test"  # in tables
+LIMIT, LARGE = 15.0, 20.0  # largest track reach [L] of IMO MSC.137(76): in general, and for large displacement
+INDICES = dict.fromkeys(("track_reach", "head_reach", "lateral_deviation"), "m")  # with their units
+INDICES |= {"stopping_time": "s", "heading_change": "deg"}
 
 _CHANNELS = ("u", "v", "r", "psi", "x", "y", "n")
 _FALLEN = 0.95  # of the approach revolutions; the order was given at the last sample above
@@ -41,10 +31,7 @@ def stopping_order(trial: xr.Dataset) -> float:
 
 
 def measured_stopping(trial: xr.Dataset) -> dict[str, float]:
-    """Indices [m, s, deg] of a stopping test from the astern order; empty for another record.
-
-    By the names of :data:`INDICES`; NaN if the ship still makes way ahead at the end. The motion is denoised first.
-    """
+    """Indices of a stopping test from the astern order, NaN if the ship does not stop; empty for another record."""
     begin = stopping_order(trial)
     if not np.isfinite(begin):
         return {}
