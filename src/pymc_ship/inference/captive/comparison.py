@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.inference.captive.fit import captive_motion, nominal_revolution_tests
-from pymc_ship.inference.captive.table import FORCES
+from pymc_ship.inference.captive.table import FORCE_DOFS, FORCES
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.tables import fixed_point
 from pymc_ship.physics.motion.captive import captive_test_forces
@@ -17,7 +17,6 @@ from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 
 BANDS = ("lower", "median", "upper")
 _TAILS = (0.025, 0.5, 0.975)
-_DOF = {"X": "surge", "Y": "sway", "N": "yaw"}
 _SERIES = {"beta": "drift angle β [deg]", "r": "yaw rate r'", "delta": "rudder δ [deg]"}
 _FEWEST = 3  # tests of a series in the figure
 _AT_SPEED = 0.1  # relative deviation of their speed from the median
@@ -44,11 +43,11 @@ def captive_bands(
         The tests, and ``X_band``, ``Y_band`` and ``N_band`` of the measured forces.
     """
     tests = nominal_revolution_tests(tests, vessel)
-    s = vessel.particulars
+    s, motion = vessel.particulars, captive_motion(tests, vessel, revolutions)
     table = tests.assign_coords(drawn=list(draws), band=list(BANDS)).assign_attrs(U_nom=s.nominal_speed, L=s.L)
-    forces = [captive_test_forces(vessel, captive_motion(tests, vessel, revolutions), rows) for rows in draws.values()]
+    forces = [captive_test_forces(vessel, motion, rows) for rows in draws.values()]
     for name in (name for name in FORCES if name in tests):
-        row = DOFS.index(_DOF[name])
+        row = DOFS.index(FORCE_DOFS[name])
         bands = [np.quantile(one[:, row], _TAILS, axis=0) for one in forces]
         table[f"{name}_band"] = ("drawn", "band", "test"), np.array(bands)
     return table

@@ -1,19 +1,17 @@
 """Fit of the coefficients to captive tests: a Gaussian likelihood with its own noise and design effect.
 
-The noise is the residual of each force, prime at the nominal speed: mostly model error, which tests at one speed and
-side share. The design effect corrects for that.
+The noise is mostly model error, which tests at one speed and side share; the design effect corrects for that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 from scipy.optimize import least_squares
 
-from pymc_ship.inference.captive.table import FORCES
+from pymc_ship.inference.captive.table import FORCE_DOFS, FORCES
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood
 from pymc_ship.inference.trajectory.sequential_likelihood import commensurate_likelihood
 from pymc_ship.machine.errors import InferenceError, TrialError
@@ -24,7 +22,6 @@ from pymc_ship.physics.vessel.parts import ship_dimensions
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel, coefficient_names
 
-_ROWS = [DOFS.index(dof) for dof in ("surge", "sway", "yaw")]
 _NOMINAL = 0.05  # largest relative deviation from the nominal revolutions for a polynomial model
 _PASSES, _SETTLED = 20, 0.01  # iterations of the noise, and its relative tolerance
 _LEAST = 1e-3  # least noise over the largest force, for exact forces
@@ -39,9 +36,7 @@ class CaptiveFit:
     Attributes
     ----------
     coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
-        Posterior mode and its Gaussian covariance.
-    likelihood : GaussianLikelihood
-        Of the tests, without the prior.
+        Posterior mode and its Gaussian covariance; ``likelihood`` is of the tests, without the prior.
     noise_sd : dict of str to float
         Root mean square residual of each force, prime at the nominal speed.
     design_effect : float
@@ -89,10 +84,6 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     prior : CoefficientPrior
         With a finite scale of every coefficient. The nominal revolutions on the carriage are estimated.
 
-    Returns
-    -------
-    CaptiveFit
-
     Raises
     ------
     InferenceError
@@ -102,8 +93,6 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
 
     Examples
     --------
-    A rudder test of a tanker, with priors of its parts from formulae:
-
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> rows = [f"{d},15.5,{-2e-6 * d * d - 8e-5},{5.6e-5 * d},{-3e-5 * d}" for d in range(-20, 25, 5)]
@@ -118,9 +107,10 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     f_alpha 2.55 ± 0.64 beforehand, 2.28 ± 0.50 now
     """
     vessel = as_vessel(vessel)
-    if prior.scale.size != len(coefficient_names(vessel)) or not np.isfinite(prior.scale).all():
+    names = list(coefficient_names(vessel))
+    if prior.scale.size != len(names) or not np.isfinite(prior.scale).all():
         raise InferenceError(
-            f"A fit to captive tests takes a prior with a finite scale of the {len(coefficient_names(vessel))} "
+            f"A fit to captive tests takes a prior with a finite scale of the {len(names)} "
             f"coefficients of {vessel.name!r}, found {int(np.isfinite(prior.scale).sum())} of {prior.scale.size}; use "
             "coefficient_prior with order_damped."
         )
@@ -130,29 +120,12 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
             f"A polynomial model needs captive tests within {_NOMINAL:.0%} of the nominal revolutions, found none for "
             f"{vessel.name!r}; choose a modular model, or correct n of the propeller."
         )
-    revolution_index = [
-        k for k, name in enumerate(coefficient_names(vessel)) if name == NOMINAL_REVOLUTIONS and "n" in tests
-    ]
-    fixed_revolutions = prior.scale[revolution_index] < _REVOLUTIONS
-    least_scale = np.where(np.isin(np.arange(prior.scale.size), revolution_index), _REVOLUTIONS, 0.0)
-    prior = replace(prior, scale=np.maximum(prior.scale, least_scale))
-    rows, weight = _rows(tests, vessel), _weight(tests, vessel)
-    measured = [row for row, name in enumerate(FORCES) if name in tests]
-    least_noise = np.array(
-        [_LEAST * np.abs(tests[name] * weight).max() if name in tests else np.nan for name in FORCES]
-    )
-    coefficients, scale, sd = prior.mean, prior.scale, np.ones(len(FORCES))
-    for _ in range(_PASSES):
-        coefficients = _mode(rows, prior, coefficients, sd, measured)
-        misfit, slopes = rows(coefficients)
-        noise = np.maximum(np.sqrt(np.mean(misfit**2, axis=1)), least_noise)
-        settled = np.allclose(noise[measured], sd[measured], rtol=_SETTLED)
-        sd = noise
-        if settled:
-            break
-    design = np.concatenate([slopes[row] / sd[row] for row in measured])
-    residuals = np.concatenate([misfit[row] / sd[row] for row in measured])
-    groups = np.tile(_groups(tests), len(measured))
+    column = names.index(NOMINAL_REVOLUTIONS) if NOMINAL_REVOLUTIONS in names and "n" in tests else None
+    scale = prior.scale.copy()
+    if column is not None:
+        scale[column] = max(scale[column], _REVOLUTIONS)
+    coefficients, sd, design, residuals = _mode(tests, vessel, replace(prior, scale=scale))
+    groups = np.tile(_groups(tests), len(sd))
     design_effect = _design_effect(design, residuals, groups, scale)
     design, residuals = design / np.sqrt(design_effect), residuals / np.sqrt(design_effect)
     orthogonal, triangle = np.linalg.qr(design)
@@ -160,21 +133,12 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     precision = triangle.T @ triangle + np.diag(scale**-2.0)
     size = np.sqrt(np.diag(precision))
     covariance = np.linalg.inv(precision / np.outer(size, size)) / np.outer(size, size)
-    fit = CaptiveFit(
-        coefficients, covariance, GaussianLikelihood(triangle, response), _by_force(sd, measured), design_effect
-    )
-    return _at_own_revolutions(fit, revolution_index[0]) if revolution_index and fixed_revolutions.all() else fit
-
-
-def _by_force(sd: np.ndarray, measured: list[int]) -> dict[str, float]:
-    return {FORCES[row]: float(sd[row]) for row in measured}
-
-
-def _at_own_revolutions(fit: CaptiveFit, column: int) -> CaptiveFit:
-    """Fit whose likelihood has the nominal revolutions of the carriage, in this column, at their estimate."""
-    rows, n_0 = fit.likelihood.design.copy(), float(fit.coefficients[column])
-    response = fit.likelihood.response - rows[:, column] * (n_0 - 1.0)
-    return replace(fit, likelihood=GaussianLikelihood(rows, response), revolutions=n_0)
+    revolutions = 1.0
+    if column is not None and prior.scale[column] < _REVOLUTIONS:  # fixed for the ship, not on the carriage
+        revolutions = float(coefficients[column])
+        response = response - triangle[:, column] * (revolutions - 1.0)
+    likelihood = GaussianLikelihood(triangle, response)
+    return CaptiveFit(coefficients, covariance, likelihood, sd, design_effect, revolutions)
 
 
 def with_discrepancy(
@@ -188,40 +152,36 @@ def with_discrepancy(
     return replace(fit, likelihood=likelihood, discrepancy_scale=discrepancy_scale)
 
 
-Rows = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+def _mode(
+    tests: xr.Dataset, vessel: Vessel, prior: CoefficientPrior
+) -> tuple[np.ndarray, dict[str, float], np.ndarray, np.ndarray]:
+    """Posterior mode, noise sd by force, and slopes and residuals of all measured forces over their noise sd."""
+    names = [name for name in FORCES if name in tests]
+    motion, rows = captive_motion(tests, vessel), [DOFS.index(FORCE_DOFS[name]) for name in names]
+    weight = (tests["u"].values ** 2 + tests["v"].values ** 2) / vessel.particulars.nominal_speed**2
+    measured = np.array([tests[name].values for name in names]) * weight
 
-
-def _rows(tests: xr.Dataset, vessel: Vessel) -> Rows:
-    """Function from coefficients to residual forces and their slopes, (3, n_tests, ...), NaN where not measured."""
-    motion, weight = captive_motion(tests, vessel), _weight(tests, vessel)
-    missing = np.full(weight.size, np.nan)
-    measured = np.array([tests[name].values if name in tests else missing for name in FORCES]) * weight
-
-    def rows(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        forces, slopes = captive_test_derivatives(vessel, motion, coefficients)
-        return measured - forces[_ROWS] * weight, slopes[_ROWS] * weight[:, None]
-
-    return rows
-
-
-def _weight(tests: xr.Dataset, vessel: Vessel) -> np.ndarray:
-    """Square of the speed over the nominal one, (n_tests,)."""
-    return (tests["u"].values ** 2 + tests["v"].values ** 2) / vessel.particulars.nominal_speed**2
-
-
-def _mode(rows: Rows, prior: CoefficientPrior, start: np.ndarray, sd: np.ndarray, measured: list[int]) -> np.ndarray:
-    """Most probable coefficients at a noise, in units of the prior."""
+    def forces(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        modelled, slopes = captive_test_derivatives(vessel, motion, coefficients)
+        return measured - modelled[rows] * weight, slopes[rows] * weight[:, None]
 
     def residuals(step: np.ndarray) -> np.ndarray:
-        misfit = rows(prior.mean + prior.scale * step)[0]
-        return np.concatenate([step, *(misfit[row] / sd[row] for row in measured)])
+        return np.concatenate([step, (forces(prior.mean + prior.scale * step)[0] / sd[:, None]).ravel()])
 
     def jacobian(step: np.ndarray) -> np.ndarray:
-        slopes = rows(prior.mean + prior.scale * step)[1]
-        return np.vstack([np.eye(step.size), *(-slopes[row] * prior.scale / sd[row] for row in measured)])
+        slopes = -forces(prior.mean + prior.scale * step)[1] * prior.scale / sd[:, None, None]
+        return np.vstack([np.eye(step.size), slopes.reshape(-1, step.size)])
 
-    solution = least_squares(residuals, (start - prior.mean) / prior.scale, jacobian)
-    return prior.mean + prior.scale * solution.x
+    coefficients, sd = prior.mean, np.ones(len(names))
+    for _ in range(_PASSES):
+        step = least_squares(residuals, (coefficients - prior.mean) / prior.scale, jacobian).x
+        coefficients, previous = prior.mean + prior.scale * step, sd
+        misfit, slopes = forces(coefficients)
+        sd = np.maximum(np.sqrt(np.mean(misfit**2, axis=1)), _LEAST * np.abs(measured).max(axis=1))
+        if np.allclose(sd, previous, rtol=_SETTLED):
+            break
+    design = (slopes / sd[:, None, None]).reshape(-1, coefficients.size)
+    return coefficients, dict(zip(names, sd.tolist(), strict=True)), design, (misfit / sd[:, None]).ravel()
 
 
 def _groups(tests: xr.Dataset) -> np.ndarray:

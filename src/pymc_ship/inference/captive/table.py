@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,41 +15,37 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.columns import Column
 from pymc_ship.records.files.format import TrialFormat, load_format
 from pymc_ship.records.files.reading import TextTable, table_cells, text_table
-from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, RADIAN_PER_SECOND, REVOLUTION_PER_SECOND, Unit
+from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, RADIAN_PER_SECOND, REVOLUTION_PER_SECOND
 
-FORCES = ("X", "Y", "N")
+FORCE_DOFS = {"X": "surge", "Y": "sway", "N": "yaw"}
+"""Degree of freedom of each force."""
+
+FORCES = tuple(FORCE_DOFS)
 """Measured forces; a file has one of them or more."""
 
 _FROUDE = (0.1, 2.0)
 """Range of the median speed of captive tests over the nominal speed."""
 
 
-@dataclass(frozen=True)
-class _Quantity:
-    """Headings of a column, and its unit, None for a prime value."""
-
-    headings: tuple[str, ...]
-    unit: Unit | None = None
-
-
 _MOTION = {
-    "beta": _Quantity(("beta", "β", "drift", "drift angle"), RADIAN),
-    "delta": _Quantity(("delta", "δ", "rudder", "rudder angle"), RADIAN),
-    "r": _Quantity(("r", "r'", "yaw rate"), RADIAN_PER_SECOND),
-    "U": _Quantity(("u", "v", "speed"), METRE_PER_SECOND),
-    "n": _Quantity(("n", "rps", "rpm", "revolutions", "propeller speed"), REVOLUTION_PER_SECOND),
+    "beta": (RADIAN, ("beta", "β", "drift", "drift angle")),
+    "delta": (RADIAN, ("delta", "δ", "rudder", "rudder angle")),
+    "r": (RADIAN_PER_SECOND, ("r", "r'", "yaw rate")),
+    "U": (METRE_PER_SECOND, ("u", "v", "speed")),
+    "n": (REVOLUTION_PER_SECOND, ("n", "rps", "rpm", "revolutions", "propeller speed")),
 }
-_MEASURED = {name: _Quantity((name, f"{name}'")) for name in FORCES}
+"""Unit and headings in lower case of each column of motion."""
+
 _KEYS = {"rudder_positive", "reference", "forces", "froude", "facility", "delimiter", "skip_rows"}
 
 
 def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | Mapping | None = None) -> xr.Dataset:
     """Read captive tests from a text file, plain or gzip: one row for each steady test.
 
-    Columns are recognised by their headings, with the unit in brackets: drift angle ``beta``, rudder angle ``delta``,
-    yaw rate ``r`` (without a unit r' = r L / U), speed ``U`` or ``speed``, revolutions ``n``, ``rps`` or ``rpm``, and
-    the prime forces ``X'``, ``Y'`` and ``N'``, over rho/2 L^2 U^2 (N' by L more) at the speed of that row. A missing
-    column of motion is 0; missing revolutions are the nominal ones.
+    Headings, with the unit in brackets: drift angle ``beta``, rudder angle ``delta``, yaw rate ``r`` (without a unit
+    r' = r L / U), speed ``U`` or ``speed``, revolutions ``n``, ``rps`` or ``rpm``, and the prime forces ``X'``, ``Y'``
+    and ``N'``, over rho/2 L^2 U^2 (N' by L more) at the speed of that row. A missing column of motion is 0; missing
+    revolutions are the nominal ones.
 
     Parameters
     ----------
@@ -95,10 +90,19 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
         raise TrialError(f"{path}: every captive test needs a number in each column, {bad[0]} lacks one; fill it in.")
     if "r" in quantities and not columns["r"].unit:
         quantities["r"] = quantities["r"] * quantities["U"] / (vessel.particulars.L / layout.froude)
-    tests = _tests(quantities, layout, vessel)
-    _check_speeds(tests, vessel, path)
-    distinct, remarks = _distinct(tests)
-    return distinct.assign_attrs(reading="\n".join([*table.notes, *notes, *remarks]), source=path.name)
+    tests, nominal = _tests(quantities, layout, vessel), vessel.particulars.nominal_speed
+    ratio = float(np.median(np.hypot(tests["u"], tests["v"]))) / nominal
+    if not _FROUDE[0] < ratio < _FROUDE[1]:
+        raise TrialError(
+            f"{path}: captive tests are at speeds near the ship's nominal {nominal:.3g} m/s, found "
+            f"a median of {ratio * nominal:.3g} m/s; give the scale of the model as scale.froude in a format file, or "
+            "correct the unit."
+        )
+    rows = np.column_stack([tests[name].values for name in tests])
+    first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
+    remarks = [f"{len(rows) - first.size} repeated rows are counted once."] if first.size < len(rows) else []
+    reading = "\n".join([*table.notes, *notes, *remarks])
+    return tests.isel(test=first).assign_attrs(reading=reading, source=path.name)
 
 
 def _columns(table: TextTable, path: Path) -> dict[str, Column]:
@@ -106,34 +110,28 @@ def _columns(table: TextTable, path: Path) -> dict[str, Column]:
     columns: dict[str, Column] = {}
     for index, heading in enumerate(table.headings):
         name, unit = _name_and_unit(heading, table.units[index])
-        quantity = next((key for key, one in _MEASURED.items() if name in one.headings), None)
-        if quantity is None:
-            quantity = next((key for key, one in _MOTION.items() if name.lower() in one.headings), None)
-        if quantity is None:
+        quantity = next((force for force in FORCES if name in (force, f"{force}'")), "")
+        quantity = quantity or next((key for key, (_, headings) in _MOTION.items() if name.lower() in headings), "")
+        if not quantity:
             continue
         if quantity in columns:
             raise TrialError(
                 f"{path}: {quantity} is to be read from one column, found {columns[quantity].heading!r} and "
                 f"{heading!r}; rename one."
             )
-        columns[quantity] = _column(
-            quantity, index, heading, unit or (name if name.lower() in ("rps", "rpm") else ""), path
-        )
+        unit = unit or (name if name.lower() in ("rps", "rpm") else "")
+        known = _MOTION[quantity][0] if quantity in _MOTION else None
+        factor = 1.0 if not unit else known and known.factor(unit)
+        if factor is None:
+            wanted = f"one of {', '.join(known.spellings)}" if known else "left out, as forces are prime"
+            raise TrialError(f"{path}, column {heading!r}: the unit is {wanted}, found {unit!r}; correct it.")
+        columns[quantity] = Column(channel=quantity, index=index, heading=heading, unit=unit, factor=factor)
     if "U" not in columns or not set(FORCES) & set(columns):
         raise TrialError(
             f"{path}: captive tests have the columns speed and any of X', Y', N', found {', '.join(table.headings)!r}; "
             "rename them."
         )
     return columns
-
-
-def _column(quantity: str, index: int, heading: str, unit: str, path: Path) -> Column:
-    known = (_MOTION | _MEASURED)[quantity].unit
-    factor = 1.0 if not unit or known is None else known.factor(unit)
-    if factor is None or (unit and known is None):
-        wanted = f"one of {', '.join(known.spellings)}" if known else "left out, as forces are prime"
-        raise TrialError(f"{path}, column {heading!r}: the unit is {wanted}, found {unit!r}; correct it.")
-    return Column(channel=quantity, index=index, heading=heading, unit=unit, factor=factor)
 
 
 def _name_and_unit(heading: str, below: str) -> tuple[str, str]:
@@ -160,22 +158,3 @@ def _tests(quantities: dict[str, np.ndarray], layout: TrialFormat, vessel: Vesse
             raise TrialError("A moment about another point than the origin needs Y'; add it, or give N' there.")
         forces["N"] = forces["N"] + lever / L * forces["Y"]
     return xr.Dataset({name: ("test", values) for name, values in (motion | forces).items()})
-
-
-def _check_speeds(tests: xr.Dataset, vessel: Vessel, path: Path) -> None:
-    nominal = vessel.particulars.nominal_speed
-    ratio = float(np.median(np.hypot(tests["u"], tests["v"]))) / nominal
-    if not _FROUDE[0] < ratio < _FROUDE[1]:
-        raise TrialError(
-            f"{path}: captive tests are at speeds near the ship's nominal {nominal:.3g} m/s, found "
-            f"a median of {ratio * nominal:.3g} m/s; give the scale of the model as scale.froude in a format file, or "
-            "correct the unit."
-        )
-
-
-def _distinct(tests: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
-    """Tests without repeated rows, and a remark on these."""
-    rows = np.column_stack([tests[name].values for name in tests])
-    first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
-    repeated = len(rows) - first.size
-    return tests.isel(test=first), [f"{repeated} repeated rows are counted once."] if repeated else []

@@ -40,8 +40,6 @@ def simulation_based_calibration(
 ) -> xr.Dataset:
     """Ranks of the true parameters among posterior draws, with tests of uniformity by :func:`rank_p_value`.
 
-    The rank of the joint log likelihood detects posteriors that ignore part of the data.
-
     Parameters
     ----------
     data : RegressionData

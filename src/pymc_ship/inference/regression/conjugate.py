@@ -18,54 +18,33 @@ from numpy.typing import ArrayLike
 from pymc_ship.inference.regression.priors import (
     Prior,
     RotatedPosterior,
-    inverse_gamma_density,
+    log_inverse_gamma,
     rotate,
     warn_of_uneven_columns,
 )
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.frames import Formula
-from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _draws(
-    rng: np.random.Generator,
-    noise_variance: np.ndarray,
-    rotated: tuple[np.ndarray, np.ndarray],
-    columns: np.ndarray,
-    center: np.ndarray,
+def _draw_given_noise(
+    rng: np.random.Generator, noise_variance: np.ndarray, location: np.ndarray, spread: np.ndarray
 ) -> np.ndarray:
-    """Draw coefficients given each noise variance; ``columns`` is the transposed basis."""
-    location, spread = rotated
-    g, coefficients = np.empty(center.size), np.empty((noise_variance.size, center.size))
+    """Draws of g given each noise variance, shape (draws, n_terms)."""
+    g = np.empty((noise_variance.size, location.size))
     for k in range(noise_variance.size):
-        for i in range(g.size):
-            g[i] = location[i] + math.sqrt(noise_variance[k] * spread[i]) * rng.standard_normal()
-        for j in range(g.size):
-            total = center[j]
-            for i in range(g.size):
-                total += columns[j, i] * g[i]
-            coefficients[k, j] = total
-    return coefficients
+        for i in range(location.size):
+            g[k, i] = location[i] + math.sqrt(noise_variance[k] * spread[i]) * rng.standard_normal()
+    return g
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ConjugatePrior(Prior):
     """Normal inverse gamma prior: beta | sigma2 ~ N(mean, sigma2 V), sigma2 ~ IG(shape, scale).
 
-    Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`. The prior of the noise variance
-    weighs as much as 2 shape rows; kappa is in units of the noise variance. Xue et al. (2020), Eq. 12.
-
-    Examples
-    --------
-    The prior mean of the noise variance, on the scale of the z-scored response:
-
-    >>> import pymc_ship as ps
-    >>> prior = ps.ConjugatePrior(kappa=1e4, shape=3.0, scale=0.1)
-    >>> prior.noise_variance_mean
-    0.05
+    Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`; the prior variance of scaled
+    coefficients is kappa sigma2. The prior of sigma2 weighs as much as 2 shape rows. Xue et al. (2020), Eq. 12.
     """
 
     family = "conjugate"
@@ -79,8 +58,6 @@ class ConjugatePrior(Prior):
 
         Examples
         --------
-        A rudder coefficient estimated from a noisy zigzag, and its reference value:
-
         >>> import numpy as np
         >>> import pymc_ship as ps
         >>> vessel = ps.load_vessel("kvlcc2")
@@ -121,21 +98,13 @@ class ConjugatePrior(Prior):
 class NormalInverseGamma(RotatedPosterior):
     """Exact posterior under a conjugate prior: coefficients = center + g basis on the original scale.
 
-    g | sigma2 ~ N(location, sigma2 diag(spread)), sigma2 ~ IG(shape, scale): Xue et al. (2020), Eq. 12-17; its Eq. 15
-    is the full conditional of sigma2, not the marginal used here. See :attr:`ConjugatePrior.citation`.
+    g | sigma2 ~ N(location, sigma2 diag(spread)), marginally sigma2 ~ IG(shape, scale): Xue et al. (2020), Eq. 12-17.
     """
 
-    coefficients: tuple[str, ...]
-    center: np.ndarray
-    basis: np.ndarray
     location: np.ndarray
     spread: np.ndarray
     shape: float
     scale: float
-    prior_shape: float
-    prior_scale: float
-    log_evidence: float
-    formula: Formula | None = None
 
     @cached_property
     def mean(self) -> np.ndarray:
@@ -181,14 +150,11 @@ class NormalInverseGamma(RotatedPosterior):
 
     def noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
         """Posterior density of the noise variance at the given values, same shape."""
-        return inverse_gamma_density(noise_variance, self.shape, self.scale)
+        return np.exp(log_inverse_gamma(noise_variance, self.shape, self.scale))
 
-    def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
-        """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
-        rng = random_generator(rng)
+    def _draw_rotated(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         noise_variance = self.scale / rng.standard_gamma(self.shape, draws)
-        columns = np.ascontiguousarray(self.basis.T)
-        return _draws(rng, noise_variance, (self.location, self.spread), columns, self.center), noise_variance
+        return _draw_given_noise(rng, noise_variance, self.location, self.spread), noise_variance
 
     def _moments(self, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return rotated @ self.location, (1.0 + rotated**2 @ self.spread) * self.noise_variance_mean

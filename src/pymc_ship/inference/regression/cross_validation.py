@@ -14,10 +14,7 @@ from pymc_ship.machine.errors import InferenceError
 
 @dataclass(frozen=True)
 class Score:
-    """Elpd of held-out rows, per row, on the scale of the original response.
-
-    ``mean`` over the folds, its standard error ``se`` from their spread, and the mean of each of the ``folds``.
-    """
+    """Elpd per held-out row on the original response: mean over the folds, its standard error, and each fold's."""
 
     mean: float
     se: float

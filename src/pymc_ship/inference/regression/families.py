@@ -15,9 +15,7 @@ FAMILIES: dict[str, type[Prior]] = {prior.family: prior for prior in (ConjugateP
 
 
 def register_family(prior_class: type[Prior]) -> type[Prior]:
-    """Register a prior family under its name in this process; a decorator of its class, which it returns.
-
-    Functions that take the name of a family then take this one, and its posteriors can be diagnosed from files.
+    """Register a prior family under its name in this process, for functions that take a name; a decorator of its class.
 
     Parameters
     ----------

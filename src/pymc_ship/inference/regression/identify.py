@@ -103,8 +103,6 @@ def identify(
 
     Examples
     --------
-    The rudder coefficients of a noisy zigzag:
-
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
@@ -178,9 +176,8 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     Returns
     -------
     Dataset, dims (coefficient,)
-        ``mean``; ``within_sd``, the posterior sd for known rows; ``between_sd`` of the means over the m draws; ``sd``
-        of both by Rubin's rule, within^2 + (1 + 1/m) between^2; ``lower`` and ``upper``, the equal-tailed 90 % interval
-        of the mixture. Original scale.
+        Original scale: ``mean``; ``within_sd``, the posterior sd for known rows; ``between_sd`` of the means over the m
+        draws; ``sd`` by Rubin's rule, within^2 + (1 + 1/m) between^2; ``lower``, ``upper``: equal-tailed 90 % interval.
 
     Raises
     ------
@@ -193,8 +190,6 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
 
     Examples
     --------
-    A rudder coefficient of yaw, its sd for known rows and for denoised ones:
-
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)

@@ -1,7 +1,6 @@
 """Priors of single coefficients: a table of means and sds, fixed values, scales that fall with the order of the term.
 
-On the scaled columns, b = offset + T b*, the prior b_j ~ N(m, sd^2) is b*_j ~ N(m / T_jj, (sd / T_jj)^2). The constant
-of centred columns has no such prior: it depends on the other coefficients through the column centres.
+On the scaled columns, b = offset + T b*, the prior b_j ~ N(m, sd^2) is b*_j ~ N(m / T_jj, (sd / T_jj)^2).
 """
 
 from __future__ import annotations
@@ -25,9 +24,8 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple[float, float]]) -> Prior:
     """Prior with the given means and standard deviations of some coefficients, in the units of the original columns.
 
-    Under a conjugate prior the sd is the marginal one, (E[sigma2] V)^(1/2). If the noise variance of the data is below
-    its prior mean, the table becomes narrower by the root of that ratio: set shape and scale to the expected noise, or
-    use a semi-conjugate prior, whose sd does not depend on the noise.
+    Under a conjugate prior the sd is the marginal one, (E[sigma2] V)^(1/2), and scales with the noise of the data: set
+    shape and scale to the expected noise, or use a semi-conjugate prior, whose sd does not depend on it.
 
     Parameters
     ----------
@@ -46,8 +44,6 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
 
     Examples
     --------
-    A coefficient known almost exactly:
-
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
@@ -134,7 +130,7 @@ def restore_fixed(
 ) -> xr.DataTree:
     """Posterior of :func:`hold_fixed` data with the fixed coefficients added as constants, ready for a forecast.
 
-    Only the group posterior changes. Diagnose the sampler before: the r-hat of a constant is not defined.
+    Diagnose the sampler before: the r-hat of a constant is not defined.
 
     Parameters
     ----------
@@ -154,19 +150,6 @@ def restore_fixed(
     ------
     InferenceError
         For values that are not finite, coefficients that the posterior has already, or an incomplete order.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data, fixed = ps.regression_data(trial, vessel, "yaw", interval=2.0), {"Nr": -0.0023}
-    >>> free = ps.hold_fixed(data, fixed)
-    >>> tree = ps.exact_posterior(free, ps.ConjugatePrior(), draws=40, rng=np.random.default_rng(1))
-    >>> whole = ps.restore_fixed(tree, fixed, data.coefficients)
-    >>> print(np.unique(whole["posterior"]["coefficients"].sel(coefficient="Nr")))
-    [-0.0023]
     """
     posterior = tree["posterior"].to_dataset()
     free = [str(name) for name in posterior["coefficient"].values]
@@ -194,8 +177,6 @@ def restore_fixed(
 def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0.3) -> Prior:
     """Prior whose scale falls with the order of the term: kappa_j = kappa damping^(2 (order_j - 1)).
 
-    Apply it before :func:`informed_prior`.
-
     Parameters
     ----------
     data : RegressionData
@@ -209,20 +190,6 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
     ------
     InferenceError
         For damping outside (0, 1] or names that are not a letter and a term.
-
-    Examples
-    --------
-    Prior variances of a linear and of a cubic term:
-
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
-    >>> prior = ps.order_damped_prior(data, ps.ConjugatePrior(kappa=100.0))
-    >>> for name in ("Nr", "Nvvr"):
-    ...     print(f"{name}: {prior.kappa[data.coefficients.index(name)]:.2f}")
-    Nr: 100.00
-    Nvvr: 0.81
     """
     check_prior(prior)
     factor = _number("damping", damping)
@@ -253,10 +220,9 @@ def sister_ship_table(
     relative_sd : float, optional
         sd = ((relative_sd value)^2 + floor^2)^(1/2).
     floor : float, optional
-        Least sd, a prime value, for coefficients near 0; by default ``relative_sd`` times the median magnitude of the
-        coefficients of the DOF.
+        Least sd, a prime value; by default ``relative_sd`` times the median magnitude of the DOF's coefficients.
     names : collection of str, optional
-        Coefficients of the table, such as those of the data; all by default.
+        Coefficients of the table; all by default.
 
     Returns
     -------

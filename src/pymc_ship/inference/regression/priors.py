@@ -1,7 +1,7 @@
-"""Base classes of priors and exact posteriors, and the coordinates in which a posterior is diagonal.
+"""Base classes of priors and exact posteriors, and the coordinates g in which a posterior is diagonal.
 
-Inverse gamma densities are ~ x^(-shape-1) exp(-scale/x); the B of Xue et al. (2020) is 1 / scale. With X diag(kappa)^
-(1/2) = U S R', g = R' diag(kappa)^(-1/2) (b - mean) enters the likelihood by z - s g, z = U' (y - X mean).
+With X diag(kappa)^(1/2) = U S R', g = R' diag(kappa)^(-1/2) (b - mean) enters the likelihood by z - s g, z = U' (y - X
+mean). Inverse gamma densities are ~ x^(-shape-1) exp(-scale/x); the B of Xue et al. (2020) is 1 / scale.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
 from pymc_ship.inference.rows.data import RegressionData
@@ -32,16 +33,16 @@ _MOST_ROWS = 8  # coefficients in the text of a posterior
 class Prior(ABC):
     """Prior of scaled coefficients and noise variance; each family of priors is a subclass.
 
-    The noise variance sigma2 is inverse gamma. Given sigma2 the scaled coefficients are independent and normal, with
-    variance ``kappa sigma2^noise_power``. A new family defines the attributes below and ``exact``;
-    :func:`~pymc_ship.inference.regression.families.register_family` registers it.
+    Given sigma2 the scaled coefficients are independent and normal, with variance ``kappa sigma2^noise_power``. A new
+    family defines the attributes and ``exact``; :func:`~pymc_ship.inference.regression.families.register_family`.
 
     Parameters
     ----------
     mean, kappa : float or array_like, shape (n_terms,)
         Prior mean and variance factor (V = kappa I or diag(kappa)) of each scaled coefficient.
     shape, scale : float
-        sigma2 ~ InverseGamma(shape, scale). InferenceError unless finite and, but for the mean, positive.
+        Noise variance sigma2 ~ InverseGamma(shape, scale): alpha and beta of PyMC. InferenceError unless the
+        hyperparameters are finite and, but for the mean, positive.
 
     Attributes
     ----------
@@ -149,8 +150,7 @@ class Prior(ABC):
 
     def log_noise_variance(self, noise_variance: np.ndarray) -> np.ndarray:
         """Log prior density of the noise variance on the scaled response, same shape."""
-        A, b = self.shape, self.scale
-        return A * math.log(b) - math.lgamma(A) - (A + 1.0) * np.log(noise_variance) - b / noise_variance
+        return log_inverse_gamma(noise_variance, self.shape, self.scale)
 
     def log_coefficients(self, coefficients: np.ndarray, noise_variance: np.ndarray) -> np.ndarray:
         """Log prior density of scaled coefficients, shape (..., n_terms), given the noise variance, shape (...)."""
@@ -164,14 +164,8 @@ class Prior(ABC):
 class ExactPosterior(ABC):
     """Exact posterior of coefficients and noise variance, on the original scale.
 
-    Attributes
-    ----------
-    coefficients : tuple of str
-        Names, length n_terms.
-    mean, covariance : ndarray, shape (n_terms,) and (n_terms, n_terms)
-    noise_variance_mean, noise_variance_sd : float
-    log_evidence : float
-        Log density of the original response, p(y).
+    ``coefficients`` are n_terms names, with ``mean``, shape (n_terms,), and ``covariance``, shape (n_terms, n_terms);
+    ``log_evidence`` is the log density p(y) of the original response.
     """
 
     coefficients: tuple[str, ...]
@@ -196,10 +190,8 @@ class ExactPosterior(ABC):
         names = ["noise variance", *self.coefficients]
         means = [self.noise_variance_mean, *self.mean]
         width = max(map(len, names[: _MOST_ROWS + 1]))
-        rows = [
-            f"  {name:{width}}  {mean:.4g} ± {sd:.2g}"
-            for name, mean, sd in zip(names, means, [self.noise_variance_sd, *self.sd], strict=True)
-        ]
+        sds = [self.noise_variance_sd, *self.sd]
+        rows = [f"  {name:{width}}  {mean:.4g} ± {sd:.2g}" for name, mean, sd in zip(names, means, sds, strict=True)]
         more = len(self.coefficients) - _MOST_ROWS
         head = f"{type(self).__name__} of {len(self.coefficients)} coefficients, log evidence {self.log_evidence:.6g}"
         return "\n".join([head, *rows[: _MOST_ROWS + 1], *([f"  and {more} more"] if more > 0 else [])])
@@ -228,18 +220,24 @@ class ExactPosterior(ABC):
         """Log density of new rows given the data: joint, or of each row if ``pointwise``."""
 
 
+@dataclass(frozen=True, kw_only=True, repr=False)
 class RotatedPosterior(ExactPosterior):
     """Exact posterior of coefficients = center + g basis, where g given the noise variance has independent components.
 
-    ``center`` is the prior mean, ``prior_shape`` and ``prior_scale`` are of the noise variance a priori, ``formula`` is
-    that of the columns.
+    ``center`` is the prior mean; ``prior_shape`` and ``prior_scale`` are of the prior of the noise variance.
     """
 
+    coefficients: tuple[str, ...]
     center: np.ndarray
     basis: np.ndarray
     prior_shape: float
     prior_scale: float
-    formula: Formula | None
+    log_evidence: float
+    formula: Formula | None = None
+
+    @abstractmethod
+    def _draw_rotated(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Draws of g, shape (draws, n_terms), and of the noise variance, shape (draws,)."""
 
     @abstractmethod
     def _moments(self, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -253,15 +251,20 @@ class RotatedPosterior(ExactPosterior):
     def _log_joint(self, rotated: np.ndarray, residual: np.ndarray) -> float:
         """Joint log density of new rows."""
 
+    def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
+        """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
+        coefficients, noise_variance = self._draw_rotated(draws, random_generator(rng))
+        rotate_back(coefficients, np.ascontiguousarray(self.basis.T), self.center)
+        return coefficients, noise_variance
+
     def prior_noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
         """Prior density of the noise variance at the given values, same shape."""
-        return inverse_gamma_density(noise_variance, self.prior_shape, self.prior_scale)
+        return np.exp(log_inverse_gamma(noise_variance, self.prior_shape, self.prior_scale))
 
     def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
 
-        New rows are an array, shape (n_new, n_terms), or a DataFrame of the columns or of the variables of the formula.
-        InferenceError for another shape, missing columns or values not finite.
+        New rows are as for :func:`~pymc_ship.inference.rows.frames.new_design`.
         """
         rotated, middle = self._rotate_rows(new_rows)
         mean, variance = self._moments(rotated)
@@ -270,10 +273,7 @@ class RotatedPosterior(ExactPosterior):
     def log_predictive_density(
         self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
     ) -> float | np.ndarray:
-        """Log predictive density of new rows in original columns: joint or, if ``pointwise``, of each row.
-
-        InferenceError for wrong shapes or values that are not finite.
-        """
+        """Log predictive density of new rows; InferenceError for wrong shapes or values that are not finite."""
         rotated, middle = self._rotate_rows(design_matrix)
         y = np.asarray(response, dtype=float)
         if y.shape != middle.shape or not np.isfinite(y).all():
@@ -285,11 +285,24 @@ class RotatedPosterior(ExactPosterior):
         return X @ self.basis.T, X @ self.center
 
 
-def inverse_gamma_density(value: np.ndarray, shape: float, scale: float) -> np.ndarray:
-    """Density of an inverse gamma variable at the given values, same shape."""
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def rotate_back(rotated: np.ndarray, columns: np.ndarray, center: np.ndarray) -> None:
+    """Replace draws of g, shape (draws, n_terms), by coefficients in place; ``columns`` is the transposed basis."""
+    g = np.empty(center.size)
+    for draw in rotated:
+        g[:] = draw
+        for j in range(g.size):
+            total = center[j]
+            for i in range(g.size):
+                total += columns[j, i] * g[i]
+            draw[j] = total
+
+
+def log_inverse_gamma(value: np.ndarray, shape: float, scale: float) -> np.ndarray:
+    """Log density of an inverse gamma variable at the given values, same shape."""
     value = np.asarray(value, dtype=float)
     constant = shape * math.log(scale) - math.lgamma(shape)
-    return np.exp(constant - (shape + 1.0) * np.log(value) - scale / value)
+    return constant - (shape + 1.0) * np.log(value) - scale / value
 
 
 def check_prior(prior: object, *, own: str = "") -> None:
@@ -320,10 +333,9 @@ def _numbers(name: str, value: object) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Rotation:
-    """Sufficient statistics of regression data under a prior: s, z, |e|^2 of the scaled response, center and basis.
+    """Sufficient statistics s, z, |e|^2 of the scaled response under a prior; original coefficients = center + g basis.
 
-    s are the singular values of the scaled columns times the root of kappa; s and z are 0 for directions without
-    information; original coefficients = center + g basis.
+    s and z are 0 for directions without information.
     """
 
     singular_values: np.ndarray

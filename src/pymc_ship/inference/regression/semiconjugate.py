@@ -1,8 +1,7 @@
 """The semi-conjugate prior and its exact posterior, a mixture of normals over the noise variance.
 
 Given sigma2 the g of :mod:`~pymc_ship.inference.regression.priors` are independent: a priori N(0, 1), a posteriori
-N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)). :mod:`~pymc_ship.inference.regression.quadrature` integrates over log
-sigma2.
+N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)).
 """
 
 from __future__ import annotations
@@ -20,46 +19,27 @@ from numpy.typing import ArrayLike
 from pymc_ship.inference.regression.priors import Prior, RotatedPosterior, rotate, warn_of_uneven_columns
 from pymc_ship.inference.regression.quadrature import Kernel, log_kernels, quadrature
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.frames import Formula
-from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _draws(
-    rng: np.random.Generator,
-    noise_variance: np.ndarray,
-    rotated: tuple[np.ndarray, np.ndarray],
-    columns: np.ndarray,
-    center: np.ndarray,
-) -> np.ndarray:
-    """Draw coefficients given each noise variance; ``columns`` is the transposed basis."""
-    s, z = rotated
-    g, coefficients = np.empty(center.size), np.empty((noise_variance.size, center.size))
+def _draw_given_noise(rng: np.random.Generator, noise_variance: np.ndarray, s: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Draws of g given each noise variance, shape (draws, n_terms)."""
+    g = np.empty((noise_variance.size, s.size))
     for k in range(noise_variance.size):
-        for i in range(g.size):
+        for i in range(s.size):
             precision = noise_variance[k] + s[i] * s[i]
-            g[i] = (s[i] * z[i] + math.sqrt(noise_variance[k] * precision) * rng.standard_normal()) / precision
-        for j in range(g.size):
-            total = center[j]
-            for i in range(g.size):
-                total += columns[j, i] * g[i]
-            coefficients[k, j] = total
-    return coefficients
+            g[k, i] = (s[i] * z[i] + math.sqrt(noise_variance[k] * precision) * rng.standard_normal()) / precision
+    return g
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SemiConjugatePrior(Prior):
     """Semi-conjugate prior: beta ~ N(mean, V), sigma2 ~ IG(shape, scale), independent; Xue et al. (2020), Eq. 18.
 
-    Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`; kappa is in units of the response.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> ps.SemiConjugatePrior(kappa=1e4, shape=3.0, scale=0.1)
-    SemiConjugatePrior(mean=0.0, kappa=10000.0, shape=3.0, scale=0.1)
+    Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`; the prior variance of scaled
+    coefficients is kappa.
     """
 
     family = "semiconjugate"
@@ -116,19 +96,12 @@ class NormalMixture(RotatedPosterior):
         Equidistant nodes in log sigma2 and their posterior weights, which add up to 1.
     """
 
-    coefficients: tuple[str, ...]
-    center: np.ndarray
-    basis: np.ndarray
     singular_values: np.ndarray
     projections: np.ndarray
     residual_square: float
     n_rows: int
-    prior_shape: float
-    prior_scale: float
     log_noise_variance: np.ndarray
     weights: np.ndarray
-    log_evidence: float
-    formula: Formula | None = None
 
     @cached_property
     def noise_variances(self) -> np.ndarray:
@@ -201,16 +174,13 @@ class NormalMixture(RotatedPosterior):
         kernel, constant = _kernel(s, z, self.residual_square, self.n_rows, prior)
         return log_kernels(t, kernel) + constant - self.log_evidence
 
-    def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
-        """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
-        rng = random_generator(rng)
+    def _draw_rotated(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         inside = self.log_noise_variance[self.weights > 1e-16 * self.weights.max()]
         t = np.linspace(inside[0], inside[-1], 2049)
         density = np.exp(self._log_density(t))
         distribution = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])  # right to 1e-6
         noise_variance = np.exp(np.interp(rng.random(draws), distribution / distribution[-1], t))
-        rotated, columns = (self.singular_values, self.projections), np.ascontiguousarray(self.basis.T)
-        return _draws(rng, noise_variance, rotated, columns, self.center), noise_variance
+        return _draw_given_noise(rng, noise_variance, self.singular_values, self.projections), noise_variance
 
     def _moments(self, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         locations, variances = self._components

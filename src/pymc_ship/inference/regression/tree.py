@@ -6,6 +6,7 @@ import json
 import math
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -32,6 +33,8 @@ CITATIONS = {
 """Citations in the attrs of a posterior, by method of drawing; "method" and "arviz" are in every one."""
 
 _SUM, _ZARR = "sha256", "zarr.json"
+_LABELS = ("vessel", "dof", "derivative", "record_verdict", "record_remarks")
+_SCALING = ("column_center", "column_scale", "response_center", "response_scale")
 _PACKAGES = ("pymc-ship", "numpy", "scipy", "xarray", "arviz", "pymc")
 
 FILES = (".nc", ".zarr")
@@ -70,30 +73,32 @@ def draws_tree(
     Returns
     -------
     DataTree
-        Groups posterior (``coefficients`` with dims chain, draw, coefficient; ``noise_variance`` with dims chain,
-        draw), log_likelihood (``response``), log_prior (joint over the coefficients), observed_data and constant_data
-        (``design_matrix``, ``time``); prior, vessel, versions, generator state and citations in attrs.
+        Groups posterior (``coefficients`` with dims chain, draw, coefficient; ``noise_variance``), log_likelihood
+        (``response``), log_prior (joint over the coefficients), observed_data and constant_data (``design_matrix``,
+        ``time``); prior, vessel, versions, generator state and citations in attrs.
     """
     n_chains, n_draws = noise_variance.shape
-    coords = {"chain": np.arange(n_chains), "draw": np.arange(n_draws)}
-    sample = ("chain", "draw")
-    names = {"coefficient": list(data.coefficients)}
-    row = {"row": np.arange(data.n_rows)}
-    posterior = xr.Dataset(
-        {"coefficients": ((*sample, "coefficient"), coefficients), "noise_variance": (sample, noise_variance)},
-        coords | names,
-    )
-    log_prior = {name: (sample, value) for name, value in _log_prior(data, prior, coefficients, noise_variance).items()}
+    coords, sample = {"chain": np.arange(n_chains), "draw": np.arange(n_draws)}, ("chain", "draw")
+    work = prior.citation if method == prior.family else ""
+    scaled_variance = noise_variance / data.response_scale**2
+    log_prior = prior.log_coefficients(data.to_scaled(coefficients), scaled_variance)
+    log_prior = log_prior - np.linalg.slogdet(data.transformation[1])[1]
+    log_variance_prior = prior.log_noise_variance(scaled_variance) - 2.0 * math.log(data.response_scale)
     log_likelihood = _log_likelihood(data, coefficients, noise_variance)
     tree = {
-        "posterior": posterior,
-        "log_likelihood": xr.Dataset({"response": ((*sample, "row"), log_likelihood)}, coords | row),
-        "log_prior": xr.Dataset(log_prior, coords),
-        **data_groups(data),
+        "/": xr.Dataset(attrs=tree_attrs(data, prior.hyperparameters(), method, rng_state, work)),
+        "posterior": xr.Dataset(
+            {"coefficients": ((*sample, "coefficient"), coefficients), "noise_variance": (sample, noise_variance)},
+            coords | {"coefficient": list(data.coefficients)},
+        ),
+        "log_likelihood": xr.Dataset(
+            {"response": ((*sample, "row"), log_likelihood)}, coords | {"row": np.arange(data.n_rows)}
+        ),
+        "log_prior": xr.Dataset(
+            {"coefficients": (sample, log_prior), "noise_variance": (sample, log_variance_prior)}, coords
+        ),
     }
-    work = prior.citation if method == prior.family else ""
-    root = xr.Dataset(attrs=tree_attrs(data, prior.hyperparameters(), method, rng_state, work))
-    return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
+    return xr.DataTree.from_dict(tree | data_groups(data) | (groups or {}))
 
 
 def exact_posterior(
@@ -107,13 +112,13 @@ def exact_posterior(
     prior : Prior
         On the scaled columns; mean and kappa may be vectors.
     draws, chains : int, optional
-        Total number of draws, and number of chains of the layout; all draws are independent.
+        Total number of draws, and number of chains that they are laid out in.
     rng : int, SeedSequence or Generator
 
     Returns
     -------
     DataTree
-        As :func:`draws_tree`: dims chain (``chains``), draw (``draws // chains``), coefficient, row.
+        As :func:`draws_tree`.
 
     Raises
     ------
@@ -132,8 +137,6 @@ def exact_posterior(
     >>> tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=400, rng=np.random.default_rng(1))
     >>> dict(tree["posterior"].sizes)
     {'chain': 4, 'draw': 100, 'coefficient': 12}
-    >>> print(f"{tree['posterior']['coefficients'].sel(coefficient='Ngsincos').mean():.4f}")
-    -0.0018
     """
     rng = random_generator(rng)
     check_prior(prior)
@@ -143,15 +146,6 @@ def exact_posterior(
     coefficients, noise_variance = exact.draw(draws, rng)
     coefficients, noise_variance = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
     return draws_tree(data, prior, coefficients, noise_variance, method=prior.family, rng_state=state)
-
-
-def _log_prior(data: RegressionData, prior: Prior, coefficients: np.ndarray, noise_variance: np.ndarray) -> dict:
-    scaled_variance = noise_variance / data.response_scale**2
-    log_volume = np.linalg.slogdet(data.transformation[1])[1]
-    return {
-        "coefficients": prior.log_coefficients(data.to_scaled(coefficients), scaled_variance) - log_volume,
-        "noise_variance": prior.log_noise_variance(scaled_variance) - 2.0 * math.log(data.response_scale),
-    }
 
 
 def _log_likelihood(data: RegressionData, coefficients: np.ndarray, noise_variance: np.ndarray) -> np.ndarray:
@@ -167,20 +161,9 @@ def tree_attrs(data: RegressionData, prior: dict, method: str, state: str, work:
     """Attrs of a posterior: data, hyperparameters of the prior, generator, versions and citations."""
     return {
         "method": method,
-        "vessel": data.vessel,
-        "dof": data.dof,
-        "derivative": data.derivative,
-        "record_verdict": data.record_verdict,
-        "record_remarks": data.record_remarks,
+        **{name: getattr(data, name) for name in _LABELS},
         "prior": json.dumps(prior),
-        "scaling": json.dumps(
-            {
-                "column_center": data.column_center.tolist(),
-                "column_scale": data.column_scale.tolist(),
-                "response_center": data.response_center,
-                "response_scale": data.response_scale,
-            }
-        ),
+        "scaling": json.dumps({name: np.asarray(getattr(data, name)).tolist() for name in _SCALING}),
         "rng_state": state,
         **provenance(work or CITATIONS.get(method, "")),
     }
@@ -189,10 +172,8 @@ def tree_attrs(data: RegressionData, prior: dict, method: str, state: str, work:
 def data_groups(data: RegressionData) -> dict[str, xr.Dataset]:
     """Groups observed_data and constant_data of a posterior."""
     row = {"row": np.arange(data.n_rows)}
-    constant = {
-        "design_matrix": (("row", "coefficient"), data.design_matrix),
-        "time": ("row", data.time, {"units": "s"}),
-    }
+    design = (("row", "coefficient"), data.design_matrix)
+    constant = {"design_matrix": design, "time": ("row", data.time, {"units": "s"})}
     if len(set(data.run)) > 1:
         constant["run"] = ("row", data.run)
     return {
@@ -203,27 +184,19 @@ def data_groups(data: RegressionData) -> dict[str, xr.Dataset]:
 
 def provenance(work: str) -> dict[str, str]:
     """Attrs with the package versions and the citations of a posterior; ``work`` is that of its method."""
+    versions = {package: version(package) for package in _PACKAGES}
     works = [CITATIONS["method"], *([work] if work else []), CITATIONS["arviz"]]
-    return {
-        "versions": json.dumps({package: version(package) for package in _PACKAGES}),
-        "citations": json.dumps(works),
-    }
+    return {"versions": json.dumps(versions), "citations": json.dumps(works)}
 
 
 def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     """Write a posterior to NetCDF (``.nc``) or Zarr (``.zarr``), with a checksum that :func:`read_posterior` verifies.
-
-    The file appears under its name when it is complete.
 
     Parameters
     ----------
     tree : DataTree
     path : str or Path
         Ends in ``.nc`` or ``.zarr``.
-
-    Returns
-    -------
-    Path
 
     Raises
     ------
@@ -234,8 +207,6 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
 
     Examples
     --------
-    Write and read a posterior:
-
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
@@ -251,7 +222,10 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
         raise ValueError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
     with staged_path(path) as partial:
         if path.suffix == ".nc":
-            _to_netcdf(tree, partial)
+            try:
+                tree.to_netcdf(partial, engine="netcdf4")
+            except RuntimeError as error:  # of a disk that is full, among others
+                raise OSError(None, f"{error}, the disk may be full") from None
             append_checksum(partial)
         else:
             tree.to_zarr(partial, consolidated=False)
@@ -262,10 +236,7 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
 
 
 def read_posterior(path: str | Path) -> xr.DataTree:
-    """Read a posterior that :func:`write_posterior`, ``to_netcdf`` or ``to_zarr`` wrote.
-
-    ValueError for a path that is no such posterior, or a checksum that does not fit.
-    """
+    """Posterior from a file of :func:`write_posterior`, ``to_netcdf`` or ``to_zarr``; ValueError if there is none."""
     path = Path(path)
     settle(path.parent)
     if not path.exists():
@@ -274,12 +245,8 @@ def read_posterior(path: str | Path) -> xr.DataTree:
     try:
         if not (_zarr_is_whole(path) if zarr else has_valid_checksum(path)):
             raise ValueError("its checksum does not fit; copy or make it again")
-        opened = (
-            xr.open_datatree(path, engine="zarr", consolidated=False)
-            if zarr
-            else xr.open_datatree(path, engine="netcdf4")
-        )
-        with opened as stored:
+        options: dict[str, Any] = {"engine": "zarr", "consolidated": False} if zarr else {"engine": "netcdf4"}
+        with xr.open_datatree(path, **options) as stored:
             tree = stored.load()
     except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{path} is no posterior written by this package: {error}.") from None
@@ -287,13 +254,6 @@ def read_posterior(path: str | Path) -> xr.DataTree:
     if "posterior" not in tree.children:
         raise ValueError(f"{path} is no posterior written by this package: it has no group posterior.")
     return tree
-
-
-def _to_netcdf(tree: xr.DataTree, path: Path) -> None:
-    try:
-        tree.to_netcdf(path, engine="netcdf4")
-    except RuntimeError as error:  # of a disk that is full, among others
-        raise OSError(None, f"{error}, the disk may be full") from None
 
 
 def _zarr_is_whole(path: Path) -> bool:

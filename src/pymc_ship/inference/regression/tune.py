@@ -23,24 +23,16 @@ _RESOLUTION = 0.1  # nat, where the loss of the search turns from linear to loga
 
 @dataclass(frozen=True, repr=False)
 class TunedPrior:
-    """Prior of the best cross-validated elpd, with the search.
-
-    Every score is the elpd per held-out row on the original response, mean over the folds.
+    """Prior of the best cross-validated elpd, with the search; a score is the elpd per held-out row, mean over folds.
 
     Attributes
     ----------
     prior, score, score_se
         The better of the evaluated and the surrogate prior, its score and standard error over the folds.
-    evaluated_prior, evaluated_score
-        Best point that the search evaluated, and its score.
-    surrogate_prior, surrogate_score
-        Optimum of the surrogate's mean, and its score.
+    evaluated_prior, surrogate_prior, evidence_prior
+        Best point evaluated, optimum of the surrogate's mean, prior of :func:`maximise_evidence`; with their scores.
     points, scores : ndarray, shape (evaluations, 3), (evaluations,)
         Shape, scale and kappa of the points evaluated, in order, and their scores.
-    evidence_prior, log_evidence, evidence_score
-        Prior of :func:`maximise_evidence` in the same box, its log evidence and score.
-    box : mapping of str to (float, float)
-        Bounds of the search.
     """
 
     prior: Prior
@@ -89,9 +81,8 @@ def tune_prior(
 ) -> TunedPrior:
     """Hyperparameters by Bayesian optimisation of the K-fold log predictive density; the prior mean is zero.
 
-    The search starts with a Latin hypercube of 12 points (at most a third of the evaluations) and goes on by expected
-    improvement under a Gaussian process over the logarithms of the hyperparameters. Its loss is asinh(10 (r - score)),
-    where r is the score of the prior of maximum evidence.
+    A Latin hypercube of 12 points (at most a third of the evaluations), then expected improvement under a Gaussian
+    process over log hyperparameters. The loss is asinh(10 (r - score)), r the score of the prior of maximum evidence.
 
     Parameters
     ----------
@@ -103,8 +94,7 @@ def tune_prior(
     folds, split : optional
         As :func:`~pymc_ship.inference.regression.cross_validation.fold_rows`.
     box : dict of str to (float, float), optional
-        Bounds by name; the ``box`` of the family by default, whose names for both families of the paper are
-        ``shape``, ``noise_variance`` (scale / shape) and ``kappa``.
+        Bounds of ``shape``, ``noise_variance`` (scale / shape) and ``kappa``; the ``box`` of the family by default.
     rng : int, SeedSequence or Generator
 
     Raises
@@ -133,9 +123,8 @@ def tune_prior(
     points, losses, surrogate_point = _search(loss, bounds, evaluations, rng)
     evaluated, surrogate = (_prior(prior_type, point) for point in (points[np.argmin(losses)], surrogate_point))
     evaluated_score, surrogate_score = validation.score(evaluated), validation.score(surrogate)
-    best, score = (
-        (evaluated, evaluated_score) if evaluated_score.mean >= surrogate_score.mean else (surrogate, surrogate_score)
-    )
+    candidates = [(evaluated, evaluated_score), (surrogate, surrogate_score)]
+    best, score = max(candidates, key=lambda candidate: candidate[1].mean)
     priors = [_prior(prior_type, point) for point in points]
     return TunedPrior(
         prior=best,
@@ -157,10 +146,7 @@ def tune_prior(
 def maximise_evidence(
     data: RegressionData, family: str = "conjugate", *, box: dict[str, tuple[float, float]] | None = None
 ) -> tuple[Prior, float]:
-    """Prior of maximum evidence (empirical Bayes) in a box, its shape under a weak hyperprior.
-
-    L-BFGS-B from several starts maximises the log evidence plus
-    :meth:`pymc_ship.inference.regression.priors.Prior.log_hyperprior`.
+    """Prior of maximum evidence (empirical Bayes) in a box, plus the log of a weak hyperprior of its shape.
 
     Parameters
     ----------
@@ -183,8 +169,6 @@ def maximise_evidence(
 
     Examples
     --------
-    Log evidence of the chosen and of the default prior:
-
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
@@ -226,6 +210,7 @@ def _search(
     loss: Callable[[np.ndarray], float], bounds: np.ndarray, evaluations: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points evaluated (log hyperparameters), the loss there, and the optimum of the surrogate's mean."""
+    from sklearn.exceptions import ConvergenceWarning
     from skopt import Optimizer
     from skopt.utils import cook_estimator, normalize_dimensions
     from threadpoolctl import threadpool_limits
@@ -243,7 +228,7 @@ def _search(
     points, losses = np.empty((evaluations, len(bounds))), np.empty(evaluations)
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "The objective has been evaluated at point", UserWarning)
-        warnings.filterwarnings("ignore", category=_convergence_warning())
+        warnings.filterwarnings("ignore", category=ConvergenceWarning)
         for k in range(evaluations):
             points[k] = optimizer.ask()
             losses[k] = loss(points[k])
@@ -264,12 +249,6 @@ def _surrogate_optimum(surrogate: Any, evaluated: np.ndarray, rng: np.random.Gen
         for x in best
     ]
     return np.clip(min(results, key=lambda result: result.fun).x, 0.0, 1.0)
-
-
-def _convergence_warning() -> type[Warning]:
-    from sklearn.exceptions import ConvergenceWarning
-
-    return ConvergenceWarning
 
 
 def _log_bounds(prior_type: type[Prior], box: Mapping[str, tuple[float, float]] | None) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.inference.regression.priors import Prior, check_prior, rotate, warn_of_uneven_columns
+from pymc_ship.inference.regression.priors import Prior, check_prior, rotate, rotate_back, warn_of_uneven_columns
 from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.errors import InferenceError
@@ -42,19 +42,6 @@ def _sweep(
                 square += (z[i] - s[i] * g[i]) ** 2 + ridge * g[i] ** 2
             variance = (scale + 0.5 * square) / rng.standard_gamma(shape)
             noise_variance[chain, max(step, 0)] = variance
-
-
-@njit(cache=True, fastmath={"reassoc", "contract"})
-def _map_back(rotated: np.ndarray, columns: np.ndarray, center: np.ndarray) -> None:
-    """Replace rotated draws by original coefficients; ``columns`` is the transposed basis."""
-    g = np.empty(center.size)
-    for draw in rotated:
-        g[:] = draw
-        for j in range(g.size):
-            total = center[j]
-            for i in range(g.size):
-                total += columns[j, i] * g[i]
-            draw[j] = total
 
 
 def gibbs(
@@ -87,7 +74,7 @@ def gibbs(
     shape = prior.shape + 0.5 * (data.n_rows + data.n_terms * prior.noise_power)
     full_conditional = (shape, scale, unit**2 * float(prior.noise_power))
     _sweep(rng, start, (s, z, residual_square, tune), full_conditional, rotated, noise_variance)
-    _map_back(rotated.reshape(-1, data.n_terms), np.ascontiguousarray(rotation.basis.T), rotation.center)
+    rotate_back(rotated.reshape(-1, data.n_terms), np.ascontiguousarray(rotation.basis.T), rotation.center)
     return rotated, noise_variance
 
 
