@@ -62,7 +62,7 @@ test_vessel_errors = wording(
     (r"container.*found 'tanker'", lambda: ps.load_vessel("tanker")),
     *(
         (
-            rf"^The terms '{name}' need the propeller of 'container', found none; add .*\.$",
+            rf"^The terms '{name}' need a propeller of 'container', found none; add .*\.$",
             lambda container, name=name: with_terms(container, name),
         )
         for name in LOADED

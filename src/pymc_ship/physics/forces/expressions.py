@@ -157,14 +157,10 @@ class Trace:
         outputs = [self._operand(result) for result in results]
         dependencies = [self._dependencies([node]) for node in outputs]
         every = sorted(set().union(*dependencies))
-        lowered = self._multiply_add_form(
-            [node for node in every if not isinstance(self._nodes[node][0], str)], outputs
-        )
-        static, moving = (
-            _schedule({node: row for node, row in lowered.items() if self._moves[node] == moves})
-            for moves in (False, True)
-        )
-        order = static + moving
+        operations = [node for node in every if not isinstance(self._nodes[node][0], str)]
+        lowered = self._multiply_add_form(operations, outputs)
+        static = _schedule({node: row for node, row in lowered.items() if not self._moves[node]})
+        order = static + _schedule({node: row for node, row in lowered.items() if self._moves[node]})
         operands = {operand for operation in lowered.values() for operand in operation[1:]}
         constants = [node for node in sorted({*operands, *outputs}) if self._nodes[node][0] == "constant"]
         leaves = [expression.node for expression in (*self.inputs.values(), *self.parameters.values())]

@@ -139,7 +139,5 @@ def _roll(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[
 
 
 MANOEUVRING = Part("hull", "polynomials of drift and yaw (MMG standard method)", _ahead, _hull_ahead, "hull")
-LOW_SPEED = Part(
-    "low-speed hull", "lift by speed and cross-flow drag, at any speed", _any_speed, _hull_any_speed, "hull"
-)
+LOW_SPEED = Part("low-speed hull", "lift and cross-flow drag, at any speed", _any_speed, _hull_any_speed, "hull")
 ROLL = Part("roll", "righting arm, damping, heights of the side forces", _heeling, _roll, "roll")

@@ -69,43 +69,15 @@ QUANTITIES = tuple(_SCALE)
 
 
 def scale(quantity: str, U: float | np.ndarray, L: float, water_density: float = WATER_DENSITY) -> np.ndarray:
-    """Divisor of a quantity in the prime system.
+    """Divisor of a quantity of :data:`QUANTITIES`, SI units, shape of ``U``; ValueError for an unknown quantity.
 
-    Parameters
-    ----------
-    quantity : str
-        One of :data:`QUANTITIES`.
-    U : float or ndarray
-        Instantaneous speed [m/s].
-    L : float
-        Length between perpendiculars [m].
-    water_density : float, optional
-        [kg/m3], for forces and moments.
-
-    Returns
-    -------
-    float or ndarray
-        Scale in SI units, with the shape of ``U``.
-
-    Raises
-    ------
-    ValueError
-        For an unknown quantity.
+    ``U`` is the instantaneous speed [m/s], ``L`` the length between perpendiculars [m], the density is in kg/m3.
     """
     if quantity not in _SCALE:
         raise ValueError(f"Prime values exist for {', '.join(QUANTITIES)}, found {quantity!r}; use one of these.")
     return _SCALE[quantity](np.asarray(U, dtype=float), L, water_density)
 
 
-def to_prime(
-    quantity: str, value: float | np.ndarray, U: float | np.ndarray, L: float, water_density: float = WATER_DENSITY
-) -> np.ndarray:
+def to_prime(quantity: str, value: float | np.ndarray, U: float | np.ndarray, L: float) -> np.ndarray:
     """SI value -> prime value; arguments and errors as :func:`scale`."""
-    return value / scale(quantity, U, L, water_density)
-
-
-def to_si(
-    quantity: str, value: float | np.ndarray, U: float | np.ndarray, L: float, water_density: float = WATER_DENSITY
-) -> np.ndarray:
-    """Prime value -> SI value; arguments and errors as :func:`scale`."""
-    return value * scale(quantity, U, L, water_density)
+    return value / scale(quantity, U, L)

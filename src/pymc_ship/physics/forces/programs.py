@@ -13,27 +13,16 @@ from numba import njit
 
 _SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
 
-ADD = 0
-SUBTRACT = 1
-MULTIPLY = 2
-DIVIDE = 3
-ROOT = 4
-EXPONENTIAL = 5
-SINE = 6
-COSINE = 7
-ARC_TANGENT = 8
-ABSOLUTE = 9
-RAMP = 10
-STEP = 11
+ADD, SUBTRACT, MULTIPLY, DIVIDE = 0, 1, 2, 3
+ROOT, EXPONENTIAL, SINE, COSINE = 4, 5, 6, 7
+ARC_TANGENT, ABSOLUTE, RAMP, STEP = 8, 9, 10, 11
 MULTIPLY_ADD = 12
 """Elementary operations; ``RAMP`` is max(x, 0), ``STEP`` 1 where x > 0 and 0 elsewhere, ``MULTIPLY_ADD`` a b + c."""
-
-_ARITHMETIC = (ADD, SUBTRACT, MULTIPLY, MULTIPLY_ADD)
 
 
 def segment_kind(operation: int) -> int:
     """Kind of the segment of an operation; sums and products are of one kind, left * right + added."""
-    return MULTIPLY_ADD if operation in _ARITHMETIC else operation
+    return MULTIPLY_ADD if operation in (ADD, SUBTRACT, MULTIPLY, MULTIPLY_ADD) else operation
 
 
 class Program(NamedTuple):

@@ -59,6 +59,4 @@ def _rudder(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dic
     return Force(-(1.0 - p["t_R"]) * F_N * sine, Y, N)
 
 
-RUDDER = Part(
-    "rudder", "normal force in the race, flow straightening, hull interaction", _parameters, _rudder, "rudder"
-)
+RUDDER = Part("rudder", "normal force in the race, flow straightening, action on hull", _parameters, _rudder, "rudder")

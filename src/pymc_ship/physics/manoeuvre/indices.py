@@ -51,9 +51,8 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     kind = KINDS[name]
     required = {*kind.angles, "side"} - {"rudder_deg"}
     if required - trial.attrs.keys() or trial.attrs["side"] not in SIDES:
-        raise TrialError(
-            f"The attrs of a {name} need {', '.join(sorted(required))}, the side is 'starboard' or 'port'; mend them."
-        )
+        keys = ", ".join(sorted(required))
+        raise TrialError(f"The attrs of a {name} need {keys}, the side is 'starboard' or 'port'; mend them.")
     channels = ("u", "v", "r", "phi", "psi", "x", "y")
     check_trial(_before_divergence(trial.isel(draw=0, missing_dims="ignore")), channels, uniform=False)
     runs = trial if "draw" in trial.dims else trial.expand_dims("draw")

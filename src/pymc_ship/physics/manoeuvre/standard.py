@@ -258,7 +258,7 @@ def rudder_programme(
     _check("port", approach_speed)
     if time.ndim != 1 or time.shape != delta.shape or not time.size:
         raise SimulationError(
-            f"A rudder programme has one angle for each time, found shapes {time.shape} and {delta.shape}."
+            f"A programme has one angle for each time, found shapes {time.shape} and {delta.shape}; match them."
         )
     if not (np.isfinite(time).all() and np.isfinite(delta).all()) or (np.diff(time) <= 0).any():
         raise SimulationError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
@@ -269,9 +269,7 @@ def rudder_programme(
 def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angles: float) -> None:
     check_choice("The side", side, SIDES, SimulationError)
     if approach_speed is not None and not 0.0 < approach_speed < np.inf:
-        raise SimulationError(
-            f"The approach speed must be positive and finite, found {approach_speed} m/s; correct it."
-        )
+        raise SimulationError(f"approach_speed must be positive and finite, found {approach_speed} m/s; correct it.")
     for name, angle in angles.items():
         most = widest if name == "heading_deg" else 90.0
         if not 0.0 < angle < most:

@@ -236,11 +236,8 @@ def reversals_at_any_heading(trial: xr.Dataset) -> list[Reversal]:
 
 def _passage(time: np.ndarray, falling: np.ndarray, level: float) -> float:
     """Time at which noisy falling values pass a level: mean of the first and the last crossing."""
-    last_above = np.flatnonzero(falling > level)[-1]
-    first_below = np.flatnonzero(falling <= level)[0]
-    return 0.5 * sum(
-        float(np.interp(-level, -falling[k - 1 : k + 1], time[k - 1 : k + 1])) for k in (first_below, last_above + 1)
-    )
+    first, last = np.flatnonzero(falling <= level)[0], np.flatnonzero(falling > level)[-1] + 1
+    return 0.5 * sum(float(np.interp(-level, -falling[k - 1 : k + 1], time[k - 1 : k + 1])) for k in (first, last))
 
 
 def zigzag_rudder_angle(delta: np.ndarray) -> float:

@@ -96,9 +96,8 @@ def _pull_out_indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, flo
     slow = np.flatnonzero(after & (rate <= _LEFT * before))
     if slow.size:
         k = max(int(slow[0]), 1)
-        indices["time_to_half_rate"] = (
-            float(np.interp(-_LEFT * before, -rate[k - 1 : k + 1], time[k - 1 : k + 1])) - begin
-        )
+        half = float(np.interp(-_LEFT * before, -rate[k - 1 : k + 1], time[k - 1 : k + 1]))
+        indices["time_to_half_rate"] = half - begin
     return indices
 
 

@@ -230,12 +230,8 @@ def set_parts(coefficients: np.ndarray, scheme: Scheme, work: Work) -> None:
 @njit(**KERNEL, forceinline=True)
 def workspace(n_lanes: int, scheme: Scheme) -> Work:
     """Workspace of the equations of motion of so many ships; the kernel that inlines it knows their number."""
-    return Work(
-        np.zeros((scheme.n_rows, n_lanes)),
-        np.empty(n_lanes),
-        np.empty((4, n_lanes)),
-        np.zeros((scheme.n_part_rows, n_lanes)),
-    )
+    terms, parts = np.zeros((scheme.n_rows, n_lanes)), np.zeros((scheme.n_part_rows, n_lanes))
+    return Work(terms, np.empty(n_lanes), np.empty((4, n_lanes)), parts)
 
 
 def scheme(vessel: Vessel) -> Scheme:

@@ -155,36 +155,24 @@ def _kinematic_jacobian(state: np.ndarray, f_x: np.ndarray) -> None:
 @njit(**PART)
 def linearise(instants: Instants, coefficients: np.ndarray, scheme: Scheme, work: Work, tangent: Work) -> None:
     """Fill f_x and, row by row, the products U^2 term of all coefficients at the states and rudder angles."""
-    state_derivative(instants.state, instants.inputs, coefficients, scheme, work, instants.rate)
+    state, rate, speed, program = instants.state, instants.rate, work.speed, scheme.program
+    state_derivative(state, instants.inputs, coefficients, scheme, work, rate)
     for k in range(4):
         instants.f_x[k] = 0.0
     if scheme.rows.size > 0:
-        _take_parts_off(instants, scheme, work)
-        _linearise_terms(instants, coefficients, scheme, work, tangent)
-    if scheme.program.results.size > 0:
-        _add_parts(instants, scheme, work, tangent)
-    _kinematic_jacobian(instants.state, instants.f_x)
-
-
-@njit(**PART)
-def _take_parts_off(instants: Instants, scheme: Scheme, work: Work) -> None:
-    """Subtract the accelerations by parts from the rates, so that those by terms remain."""
-    for k in range(scheme.program.results.size):
-        result, scale = scheme.program.results[k], part_scale(scheme, k)
-        for lane in range(instants.state.shape[1]):
-            instants.rate[k, lane] -= scale * work.parts[result, lane]
-
-
-@njit(**PART)
-def _linearise_terms(instants: Instants, coefficients: np.ndarray, scheme: Scheme, work: Work, tangent: Work) -> None:
-    """Derivatives of the accelerations by terms: f_x, and the features of the coefficients."""
-    state, speed = instants.state, work.speed
-    for lane in range(state.shape[1]):
-        speed[lane] = np.sqrt(state[0, lane] ** 2 + state[1, lane] ** 2)
-    for j in range(scheme.rows.size):
+        for k in range(program.results.size):  # subtract the accelerations by parts
+            result, scale = program.results[k], part_scale(scheme, k)
+            for lane in range(state.shape[1]):
+                rate[k, lane] -= scale * work.parts[result, lane]
         for lane in range(state.shape[1]):
-            instants.features[lane, j] = work.terms[scheme.rows[j], lane] * speed[lane] ** 2
-    _terms_jacobian(instants, coefficients, scheme, work, tangent)
+            speed[lane] = np.sqrt(state[0, lane] ** 2 + state[1, lane] ** 2)
+        for j in range(scheme.rows.size):
+            for lane in range(state.shape[1]):
+                instants.features[lane, j] = work.terms[scheme.rows[j], lane] * speed[lane] ** 2
+        _terms_jacobian(instants, coefficients, scheme, work, tangent)
+    if program.results.size > 0:
+        _add_parts(instants, scheme, work, tangent)
+    _kinematic_jacobian(state, instants.f_x)
 
 
 @njit(**PART)

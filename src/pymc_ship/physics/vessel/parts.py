@@ -61,9 +61,7 @@ def _attributes(source: object, names: Sequence[str]) -> dict[str, Any]:
 
 def _check_draught(vessel: Vessel) -> None:
     if vessel.particulars.d <= 0.0:
-        raise VesselError(
-            f"A model of parts needs the draught d of {vessel.name!r}, found none; add d [m] to [particulars]."
-        )
+        raise VesselError(f"A model of parts needs the draught d of {vessel.name!r}; add d [m] to [particulars].")
 
 
 def with_parts(
@@ -104,11 +102,9 @@ def with_parts(
         )
     typical = {p.name: Coefficient(**asdict(p)) for p in part_parameters(ship_dimensions(vessel), names)}
     stated = dict(stated or {})
-    unknown = [name for name in stated if name not in typical]
-    if unknown:
-        raise VesselError(
-            f"The parameters of {vessel.name!r} are {', '.join(typical)}, found {', '.join(unknown)}; use these names."
-        )
+    if unknown := ", ".join(name for name in stated if name not in typical):
+        known = ", ".join(typical)
+        raise VesselError(f"The parameters of {vessel.name!r} are {known}, found {unknown}; use these names.")
     for name, c in stated.items():
         sd = c.sd if c.sd > 0.0 else typical[name].sd
         typical[name] = replace(typical[name], value=c.value, sd=sd, source=c.source or "vessel file", note=c.note)

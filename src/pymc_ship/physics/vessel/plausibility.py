@@ -7,14 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from pymc_ship.physics.vessel.ranges import (
-    INERTIA,
-    PARTICULARS,
-    PROPELLER,
-    ROLL_COUPLINGS,
-    Rule,
-    coefficient_rules,
-)
+from pymc_ship.physics.vessel.ranges import INERTIA, PARTICULARS, PROPELLER, ROLL_COUPLINGS, Rule, coefficient_rules
 from pymc_ship.physics.vessel.vessel import Particulars, Vessel
 
 

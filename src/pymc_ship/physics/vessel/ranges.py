@@ -26,9 +26,9 @@ Range = tuple[float, float]
 
 
 class Rule(NamedTuple):
-    """Ranges of a number that follows from a key: ``number(ship)``, or the value itself without ``number``.
+    """Ranges of a number ``what``: ``number(ship)``, None if undefined, or the value of the key itself.
 
-    ``number`` returns None if it is undefined; ``what`` is its name, ``hint`` a likely explanation of a wrong value.
+    ``hint`` is a likely explanation of a wrong value.
     """
 
     key: str
@@ -134,7 +134,11 @@ _SIGN = "perhaps it is m_x, m_y or J_z, of the other sign and over L^2 d, or in 
 _VOLUME = "perhaps d is in cm or feet, or volume in litres; it is in m3"
 _LITRE = "perhaps it is in litres or ft3; it is in m3"
 _SPEED = "perhaps it is in knots, in km/h or of another scale; speeds are in m/s"
+_BY_FULLNESS = "the speed over that of ships of this block coefficient"
+_IN_KNOTS = "perhaps it is in knots; speeds are in m/s"
+_RUDDER = "the rudder angle moved in L/U [deg]"
 _RATE = "perhaps it is in rad/s, in deg/min or of another scale; it is in deg/s"
+_IN_MS = "perhaps it is in ms; times are in s"
 _FROM_MIDSHIP = "perhaps it is in mm, in % of L or from a perpendicular; it is in m from midship"
 _MASS = "perhaps it is in kg or over L^2 d; a prime mass is 2 volume/L^3, and is derived where it is left out"
 _YAW = "perhaps it is in kg m2 or over L^4 d; it is (k_zz/L)^2 m + m x_G'^2, and is derived where it is left out"
@@ -150,37 +154,25 @@ PARTICULARS = (
     Rule("particulars.d", "B/d", lambda s: s.B / s.d if s.d else None, (0.3, 50.0), (1.0, 12.0), _METRES),
     Rule("particulars.volume", "the block coefficient volume/(L B d)", _block, (0.1, 1.0), (0.35, 0.98), _VOLUME),
     Rule(
-        "particulars.volume",
-        "volume/(L B^2)",
-        lambda s: s.volume / (s.L * s.B * s.B),
-        (0.01, 2.0),
-        (0.03, 0.7),
-        _LITRE,
+        "particulars.volume", "volume/(L B^2)", lambda s: s.volume / (s.L * s.B * s.B), (0.01, 2.0), (0.03, 0.7), _LITRE
     ),
     Rule("particulars.nominal_speed", "the Froude number U/sqrt(g L)", _froude, (1e-3, 3.0), (0.02, _FASTEST), _SPEED),
-    Rule(
-        "particulars.nominal_speed",
-        "the speed over that of ships of this block coefficient",
-        _by_fullness,
-        (0.0, math.inf),
-        (0.0, _KNOTS),
-        "perhaps it is in knots; speeds are in m/s",
-    ),
+    Rule("particulars.nominal_speed", _BY_FULLNESS, _by_fullness, (0.0, math.inf), (0.0, _KNOTS), _IN_KNOTS),
     Rule(
         "particulars.rudder_rate_deg",
-        "the rudder angle moved in L/U [deg]",
+        _RUDDER,
         lambda s: s.rudder_rate_deg * s.ship_time,
         (0.05, 1e5),
-        (3.0, 1000.0),
+        (3.0, 1e3),
         _RATE,
     ),
     Rule(
         "particulars.rudder_delay",
         "the delay over L/U",
         lambda s: s.rudder_delay / s.ship_time,
-        (0.0, 10.0),
-        (0.0, 1.0),
-        "perhaps it is in ms; times are in s",
+        (0, 10),
+        (0, 1),
+        _IN_MS,
     ),
     Rule("particulars.x_G", "x_G/L", lambda s: s.x_G / s.L, (-0.5, 0.5), (-0.1, 0.1), _FROM_MIDSHIP),
     Rule("particulars.z_G", "z_G/B", lambda s: s.z_G / s.B, (-1.0, 1.0), (-0.5, 0.5), _METRES),
@@ -192,7 +184,7 @@ INERTIA = (
         "inertia.m",
         "m L^3/(2 volume)",
         lambda v: v.m / displaced_mass(v.particulars),
-        (2 / 3, 1.5),
+        (2.0 / 3.0, 1.5),
         (0.95, 1.05),
         _MASS,
     ),

@@ -73,9 +73,8 @@ def load_vessel(source: str | Path) -> Vessel:
     path = Path(source)
     if path.suffix != ".toml":
         if str(source) not in shipped_vessels():
-            raise VesselError(
-                f"A vessel is one of {', '.join(shipped_vessels())} or the path of a .toml file; found {str(source)!r}."
-            )
+            names = ", ".join(shipped_vessels())
+            raise VesselError(f"A vessel is one of {names} or the path of a .toml file; found {str(source)!r}.")
         path = SHIPPED / f"{source}.toml"
     return _vessel(toml_file(path, "The vessel file", VesselError))
 

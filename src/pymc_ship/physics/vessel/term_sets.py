@@ -61,21 +61,16 @@ def _with_loading(hull: tuple[str, ...], description: str) -> TermSet:
     return TermSet(("T", "vv", "vr", "rr", "gsinsin"), lateral, True, description)
 
 
+_LINEAR = ("v", "r", "gv", "gr")
 _LOADED = ("gv", "gr", *(f"g{term}" for term in _SQUARES))
 
 TERM_SETS = {
     "quadratic": _without_propeller(_SQUARES, "linear and quadratic in v and r"),
     "cubic": _without_propeller(_CUBES, "linear and cubic in v and r"),
     "loading": _with_loading(_LOADED, "linear and quadratic in v and r, all of it by the propeller's loading"),
-    "hull and loading": _with_loading(
-        ("v", "r", *_LOADED), "as `loading`, with linear forces that the propeller leaves alone"
-    ),
-    "hull and loading, cubic": _with_loading(
-        ("v", "r", "gv", "gr", *_CUBES), "linear by the loading and beside it, cubic beside it"
-    ),
-    "hull beside loading": _with_loading(
-        ("v", "r", "gv", "gr", *_SQUARES), "linear by the loading and beside it, quadratic beside it"
-    ),
+    "hull and loading": _with_loading(("v", "r", *_LOADED), "as `loading`, and linear without loading"),
+    "hull and loading, cubic": _with_loading((*_LINEAR, *_CUBES), "linear with and without loading, cubic without"),
+    "hull beside loading": _with_loading((*_LINEAR, *_SQUARES), "linear with and without loading, quadratic without"),
 }
 """Term sets by name."""
 
@@ -174,13 +169,10 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
         return _with_part_set(vessel, PART_SETS[name])
     chosen = TERM_SETS[name]
     if chosen.propeller and vessel.propeller is None:
-        raise VesselError(
-            f"The terms {name!r} need the propeller of {vessel.name!r}, found none; add the table [propeller]."
-        )
+        raise VesselError(f"The terms {name!r} need a propeller of {vessel.name!r}, found none; add [propeller].")
     own = {c.name: c for force in vessel.forces.values() for c in force}
-    forces = {
-        dof: tuple(own.get(name, Coefficient(name, 0.0)) for name in row) for dof, row in chosen.coefficients.items()
-    }
+    rows = chosen.coefficients.items()
+    forces = {dof: tuple(own.get(name, Coefficient(name, 0.0)) for name in row) for dof, row in rows}
     return replace(vessel, forces=forces, parts=(), parameters=())
 
 

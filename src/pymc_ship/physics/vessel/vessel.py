@@ -211,9 +211,8 @@ class Vessel:
 
     def _force(self, dof: str) -> tuple[Coefficient, ...]:
         if dof not in self.forces:
-            raise VesselError(
-                f"{self.name!r} has the degrees of freedom {', '.join(self.forces)}, found {dof!r}; choose one of them."
-            )
+            dofs = ", ".join(self.forces)
+            raise VesselError(f"{self.name!r} has the degrees of freedom {dofs}, found {dof!r}; choose one of them.")
         if not self.forces[dof] and not self.modular:
             raise VesselError(
                 f"The model of {self.name!r} needs coefficients of {dof}, found none; identify them with `pymc-ship "
