@@ -47,6 +47,18 @@ _VALUES = {
 _COMMUTE = (ADD, MULTIPLY)
 
 
+def _unary(operation: int) -> Callable[[Expression], Expression]:
+    return lambda x: x.trace.record(operation, x)
+
+
+def _binary(operation: int) -> Callable[[Expression, Expression | float], Expression]:
+    return lambda left, right: left.trace.record(operation, left, right)
+
+
+def _reflected(operation: int) -> Callable[[Expression, Expression | float], Expression]:
+    return lambda right, left: right.trace.record(operation, left, right)
+
+
 class Expression:
     """A symbolic quantity; arithmetic and the functions of this module are recorded in its trace."""
 
@@ -55,25 +67,11 @@ class Expression:
     def __init__(self, trace: Trace, node: int) -> None:
         self.trace, self.node = trace, node
 
-    def __add__(self, other: Expression | float) -> Expression:
-        return self.trace.record(ADD, self, other)
-
-    def __sub__(self, other: Expression | float) -> Expression:
-        return self.trace.record(SUBTRACT, self, other)
-
-    def __mul__(self, other: Expression | float) -> Expression:
-        return self.trace.record(MULTIPLY, self, other)
-
-    def __truediv__(self, other: Expression | float) -> Expression:
-        return self.trace.record(DIVIDE, self, other)
-
-    def __rsub__(self, other: Expression | float) -> Expression:
-        return self.trace.record(SUBTRACT, other, self)
-
-    def __rtruediv__(self, other: Expression | float) -> Expression:
-        return self.trace.record(DIVIDE, other, self)
-
-    __radd__, __rmul__ = __add__, __mul__
+    __add__ = __radd__ = _binary(ADD)
+    __mul__ = __rmul__ = _binary(MULTIPLY)
+    __sub__, __rsub__ = _binary(SUBTRACT), _reflected(SUBTRACT)
+    __truediv__, __rtruediv__ = _binary(DIVIDE), _reflected(DIVIDE)
+    __abs__ = _unary(ABSOLUTE)
 
     def __neg__(self) -> Expression:
         return self.trace.record(SUBTRACT, 0.0, self)
@@ -84,17 +82,10 @@ class Expression:
             product = product * self
         return product
 
-    def __abs__(self) -> Expression:
-        return self.trace.record(ABSOLUTE, self)
 
-
-def _function(operation: int) -> Callable[[Expression], Expression]:
-    return lambda x: x.trace.record(operation, x)
-
-
-root, exp = _function(ROOT), _function(EXPONENTIAL)
-sin, cos = _function(SINE), _function(COSINE)
-ramp, step = _function(RAMP), _function(STEP)
+root, exp = _unary(ROOT), _unary(EXPONENTIAL)
+sin, cos = _unary(SINE), _unary(COSINE)
+ramp, step = _unary(RAMP), _unary(STEP)
 """Square root of a positive x, exponential, sine and cosine of x [rad], the larger of x and 0, 1 where x > 0 else 0."""
 
 

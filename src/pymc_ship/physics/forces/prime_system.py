@@ -34,6 +34,12 @@ def angular_acceleration_scale(U: float, L: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def row_scale(row: int, U: float, L: float) -> float:
+    """Unit of the acceleration in a row of the equations of motion: u, v linear, r, p angular."""
+    return acceleration_scale(U, L) if row < 2 else angular_acceleration_scale(U, L)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def relative_speed(U: float, nominal_speed: float) -> float:
     """u_a = (U - U_nom) / U."""
     return (U - nominal_speed) / U

@@ -53,11 +53,12 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     running = ~tree["trajectories"].to_dataset()["diverged"].values
     cap = tree.attrs.get("calibration_cap", 1.0)
     rows = []
-    for row, name, unit in _applicable_criteria(index_draws.attrs, as_vessel(vessel)):
+    for name, limit, unit, units in imo_limits(index_draws.attrs, as_vessel(vessel)):
         values = index_draws[name].values / unit
         reached = running & np.isfinite(values)
-        probability = float(np.clip(np.mean(reached & (values <= row["limit"])), 1.0 - cap, cap))
+        probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - cap, cap))
         passes, fails = probability >= CONFORMANCE_PROBABILITY, probability <= 1.0 - CONFORMANCE_PROBABILITY
+        row = {"criterion": name.replace("_", " "), "limit": limit, "units": units}
         row |= {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}
         row |= {
             "probability": probability,
@@ -124,16 +125,8 @@ def imo_criteria(measured: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any
     tactical diameter: 3.61 L, limit 5.0: True
     """
     rows = []
-    for row, name, unit in _applicable_criteria(measured.attrs, as_vessel(vessel)):
+    for name, limit, unit, units in imo_limits(measured.attrs, as_vessel(vessel)):
         value = float(measured[name]) / unit
-        passed = bool(value <= row["limit"]) if np.isfinite(value) else None
-        rows.append({"criterion": row["criterion"], "value": value, **row, "passed": passed})
+        row = {"criterion": name.replace("_", " "), "value": value, "limit": limit, "units": units}
+        rows.append(row | {"passed": bool(value <= limit) if np.isfinite(value) else None})
     return rows
-
-
-def _applicable_criteria(attrs: Mapping[str, Any], vessel: Vessel) -> list[tuple[dict[str, Any], str, float]]:
-    """Criterion, limit and units of each applicable criterion, the name of its index and the size of its unit."""
-    return [
-        ({"criterion": name.replace("_", " "), "limit": limit, "units": units}, name, unit)
-        for name, limit, unit, units in imo_limits(attrs, vessel)
-    ]

@@ -12,14 +12,7 @@ import numpy as np
 from numba import njit
 
 from pymc_ship.physics.forces.hull import LOW_SPEED
-from pymc_ship.physics.forces.prime_system import (
-    acceleration_scale,
-    angular_acceleration_scale,
-    rate_scale,
-    relative_speed,
-    righting_arm,
-    righting_moment,
-)
+from pymc_ship.physics.forces.prime_system import rate_scale, relative_speed, righting_arm, righting_moment, row_scale
 from pymc_ship.physics.forces.programs import Program, execute, set_parameters, sin_cos
 from pymc_ship.physics.forces.propeller import PropellerConstants, loading
 from pymc_ship.physics.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_products, plan
@@ -166,8 +159,7 @@ def _rates_of_terms(
         a, b, c, d = J_inverse[row, 0], J_inverse[row, 1], J_inverse[row, 2], J_inverse[row, 3]
         for lane in range(state.shape[1]):
             acceleration = a * force[0, lane] + b * force[1, lane] + c * force[2, lane] + d * force[3, lane]
-            linear, angular = acceleration_scale(speed[lane], hull.L), angular_acceleration_scale(speed[lane], hull.L)
-            rate[row, lane] = acceleration * (linear if row < 2 else angular)
+            rate[row, lane] = acceleration * row_scale(row, speed[lane], hull.L)
 
 
 @njit(**INLINED)
@@ -187,8 +179,7 @@ def run_parts(state: np.ndarray, inputs: np.ndarray, scheme: Scheme, work: Work)
 @njit(**INLINED)
 def part_scale(scheme: Scheme, row: int) -> float:
     """Unit of the acceleration of a row of the states that a result of the program is measured in."""
-    U, L = scheme.hull.nominal_speed, scheme.hull.L
-    return acceleration_scale(U, L) if row < 2 else angular_acceleration_scale(U, L)
+    return row_scale(row, scheme.hull.nominal_speed, scheme.hull.L)
 
 
 @njit(**INLINED)

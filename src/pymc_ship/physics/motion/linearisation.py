@@ -7,13 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pymc_ship.physics.forces.prime_system import (
-    acceleration_scale,
-    angular_acceleration_scale,
-    rate_scale,
-    righting_arm,
-    righting_moment,
-)
+from pymc_ship.physics.forces.prime_system import rate_scale, righting_arm, righting_moment, row_scale
 from pymc_ship.physics.forces.programs import sin_cos, sweep
 from pymc_ship.physics.forces.propeller import loading
 from pymc_ship.physics.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_product_tangents
@@ -129,9 +123,8 @@ def _terms_jacobian(instants: Instants, coefficients: np.ndarray, scheme: Scheme
                 U = work.speed[lane]
                 acceleration = a * force[0, lane] + b * force[1, lane]
                 acceleration += c * force[2, lane] + d * force[3, lane]
-                scale = acceleration_scale(U, hull.L) if k < 2 else angular_acceleration_scale(U, hull.L)
                 stretch = 2.0 * instants.rate[k, lane] * tangent.speed[lane] / U
-                instants.f_x[k, i, lane] = scale * acceleration + stretch
+                instants.f_x[k, i, lane] = row_scale(k, U, hull.L) * acceleration + stretch
 
 
 @njit(**PART)
@@ -202,9 +195,7 @@ def forcing_gain(scheme: Scheme, n_columns: int) -> np.ndarray:
     gain = np.zeros((4, n_columns))
     for j in range(scheme.dof.size):
         for k in range(4):
-            L = scheme.hull.L
-            scale = acceleration_scale(1.0, L) if k < 2 else angular_acceleration_scale(1.0, L)
-            gain[k, j] = scheme.J_inverse[k, scheme.dof[j]] * scale
+            gain[k, j] = scheme.J_inverse[k, scheme.dof[j]] * row_scale(k, 1.0, scheme.hull.L)
     return gain
 
 

@@ -58,6 +58,18 @@ def _by_fullness(s: Particulars) -> float | None:
     return None if block is None or froude > _FASTEST else froude * 1.68 / (1.08 - min(block, 0.9))
 
 
+def _rudder_travel(s: Particulars) -> float:
+    return s.rudder_rate_deg * s.ship_time
+
+
+def _delay(s: Particulars) -> float:
+    return s.rudder_delay / s.ship_time
+
+
+def _mass_ratio(v: Vessel) -> float:
+    return v.m / displaced_mass(v.particulars)
+
+
 def rolls(v: Vessel) -> bool:
     """Whether a vessel has the degree of freedom of roll."""
     return "roll" in v.forces
@@ -66,6 +78,10 @@ def rolls(v: Vessel) -> bool:
 def _radius(square: float) -> float:
     """Square root with the sign of its argument."""
     return math.copysign(math.sqrt(abs(square)), square)
+
+
+def _yaw_radius(v: Vessel) -> float:
+    return _radius(v.I_zz / v.m - v.x_G**2)
 
 
 def _roll_radius(v: Vessel) -> float | None:
@@ -158,44 +174,16 @@ PARTICULARS = (
     ),
     Rule("particulars.nominal_speed", "the Froude number U/sqrt(g L)", _froude, (1e-3, 3.0), (0.02, _FASTEST), _SPEED),
     Rule("particulars.nominal_speed", _BY_FULLNESS, _by_fullness, (0.0, math.inf), (0.0, _KNOTS), _IN_KNOTS),
-    Rule(
-        "particulars.rudder_rate_deg",
-        _RUDDER,
-        lambda s: s.rudder_rate_deg * s.ship_time,
-        (0.05, 1e5),
-        (3.0, 1e3),
-        _RATE,
-    ),
-    Rule(
-        "particulars.rudder_delay",
-        "the delay over L/U",
-        lambda s: s.rudder_delay / s.ship_time,
-        (0, 10),
-        (0, 1),
-        _IN_MS,
-    ),
+    Rule("particulars.rudder_rate_deg", _RUDDER, _rudder_travel, (0.05, 1e5), (3.0, 1000.0), _RATE),
+    Rule("particulars.rudder_delay", "the delay over L/U", _delay, (0.0, 10.0), (0.0, 1.0), _IN_MS),
     Rule("particulars.x_G", "x_G/L", lambda s: s.x_G / s.L, (-0.5, 0.5), (-0.1, 0.1), _FROM_MIDSHIP),
     Rule("particulars.z_G", "z_G/B", lambda s: s.z_G / s.B, (-1.0, 1.0), (-0.5, 0.5), _METRES),
 )
 """Rules of :class:`Particulars`, each of which relies on those before it; the other rules take a :class:`Vessel`."""
 
 INERTIA = (
-    Rule(
-        "inertia.m",
-        "m L^3/(2 volume)",
-        lambda v: v.m / displaced_mass(v.particulars),
-        (2.0 / 3.0, 1.5),
-        (0.95, 1.05),
-        _MASS,
-    ),
-    Rule(
-        "inertia.I_zz",
-        "the radius of gyration over L",
-        lambda v: _radius(v.I_zz / v.m - v.x_G**2),
-        (0.1, 0.5),
-        (0.18, 0.33),
-        _YAW,
-    ),
+    Rule("inertia.m", "m L^3/(2 volume)", _mass_ratio, (2.0 / 3.0, 1.5), (0.95, 1.05), _MASS),
+    Rule("inertia.I_zz", "the radius of gyration over L", _yaw_radius, (0.1, 0.5), (0.18, 0.33), _YAW),
     Rule("inertia.I_xx", "the radius of gyration over B", _roll_radius, (0.1, 1.0), (0.25, 0.55), _ROLL),
     Rule("particulars.GM", "GM/B", _metacentre, (-1.0, 1.0), (1e-4, 0.4), _HEIGHT),
     Rule("particulars.BM", "BM volume/(L B^3)", _waterplane, (0.005, 0.1), (0.03, 1.0 / 12.0), _BM),
