@@ -96,8 +96,7 @@ def _hull_any_speed(ship: Ship, motion: Motion, p: Mapping[str, Expression], sha
     return Force(X, Y, N)
 
 
-SWAY_CENTRE = "z_Y"
-"""Parameter of roll: depth of the centre of added mass in sway below the origin."""
+SWAY_CENTRE = "z_Y"  # parameter of roll: depth of the centre of added mass in sway below the origin
 
 
 def _heeling(ship: Ship) -> tuple[Parameter, ...]:

@@ -8,18 +8,10 @@ from __future__ import annotations
 
 import math
 
-SOURCE = "hull database of Yoshimura & Masumoto (2012)"
-"""Source of the coefficients of :func:`bare_hull`."""
+SOURCE = "hull database of Yoshimura & Masumoto (2012)"  # source of the coefficients of bare_hull
 
-STRIPS = "cross-flow drag of strips, C_D 0.8"
-"""Source of the quadratic terms."""
 
-TYPICAL_RUDDER = "typical rudder behind a single screw"
-"""Source of the convex terms of the rudder and of the even terms in the yaw rate."""
-
-CROSS_FLOW = 0.8
-"""Cross-flow drag coefficient of a section."""
-
+CROSS_FLOW = 0.8  # cross-flow drag coefficient of a section
 CONVEXITY = 0.3, 0.4
 """Mean and standard deviation of f_2 in a rudder's normal force, F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|)."""
 

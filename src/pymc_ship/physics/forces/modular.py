@@ -37,9 +37,7 @@ PARTS = {
 }
 """Parts by name, in the order of evaluation: the rudder needs the slipstream of the propeller."""
 
-MODULAR = ("added mass", "propeller", "rudder")
-"""Roles that a model without polynomial terms needs besides a hull."""
-
+MODULAR = ("added mass", "propeller", "rudder")  # roles that a model without polynomial terms needs besides a hull
 Matrix = tuple[tuple[float, ...], ...]
 
 

@@ -12,9 +12,7 @@ from typing import NamedTuple
 
 from pymc_ship.physics.forces.expressions import Expression, root
 
-STATES = ("u", "v", "r", "p", "phi", "psi")
-"""States on which forces depend, in the order of the state vector."""
-
+STATES = ("u", "v", "r", "p", "phi", "psi")  # states on which forces depend, in the order of the state vector
 INPUTS = ("delta", "n", "wind_x", "wind_y")
 """Inputs: rudder [rad], revolutions over nominal ones, velocity of the air to north and east over U_nom."""
 

@@ -8,11 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-WATER_DENSITY = 1025.0
-"""Density of sea water [kg/m3], for forces in N and moments in N m."""
-
-GRAVITY = 9.81
-"""Acceleration of gravity [m/s2]."""
+WATER_DENSITY = 1025.0  # density of sea water [kg/m3], for forces in N and moments in N m
+GRAVITY = 9.81  # acceleration of gravity [m/s2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -70,8 +67,7 @@ _SCALES = {
 }
 _SCALE = {quantity: divisor for quantities, divisor in _SCALES.items() for quantity in quantities}
 
-QUANTITIES = tuple(_SCALE)
-"""Quantities that have a prime value."""
+QUANTITIES = tuple(_SCALE)  # quantities that have a prime value
 
 
 def scale(quantity: str, U: float | np.ndarray, L: float, water_density: float = WATER_DENSITY) -> np.ndarray:

@@ -125,7 +125,39 @@ def execute(program: Program, work: np.ndarray) -> None:
 
 
 @njit(**_SETTINGS, forceinline=True)
-def _execute_range(program: Program, work: np.ndarray, begin: int, end: int) -> None:  # noqa: C901, one branch for each operation
+def _execute_row(kind: int, work: np.ndarray, a: int, b: int, target: int) -> None:  # noqa: C901, one branch for each operation
+    n_lanes = work.shape[1]
+    if kind == DIVIDE:
+        for lane in range(n_lanes):
+            work[target, lane] = work[a, lane] / work[b, lane]
+    elif kind == ROOT:
+        for lane in range(n_lanes):
+            work[target, lane] = math.sqrt(work[a, lane])
+    elif kind == ABSOLUTE:
+        for lane in range(n_lanes):
+            work[target, lane] = abs(work[a, lane])
+    elif kind == RAMP:
+        for lane in range(n_lanes):
+            work[target, lane] = max(work[a, lane], 0.0)
+    elif kind == STEP:
+        for lane in range(n_lanes):
+            work[target, lane] = 1.0 if work[a, lane] > 0.0 else 0.0
+    elif kind == SINE:
+        for lane in range(n_lanes):
+            work[target, lane] = sin_cos(work[a, lane])[0]
+    elif kind == COSINE:
+        for lane in range(n_lanes):
+            work[target, lane] = sin_cos(work[a, lane])[1]
+    elif kind == EXPONENTIAL:
+        for lane in range(n_lanes):
+            work[target, lane] = exponential(work[a, lane])
+    else:
+        for lane in range(n_lanes):
+            work[target, lane] = arc_tangent(work[a, lane], work[b, lane])
+
+
+@njit(**_SETTINGS, forceinline=True)
+def _execute_range(program: Program, work: np.ndarray, begin: int, end: int) -> None:
     segments, left, right, added = program.segments, program.left, program.right, program.added
     n_lanes, first = work.shape[1], work.shape[0] - program.operation.size
     for segment in range(segments.shape[0]):
@@ -140,51 +172,9 @@ def _execute_range(program: Program, work: np.ndarray, begin: int, end: int) -> 
                 a, b, c, target = left[k], right[k], added[k], np.uint32(first + k)
                 for lane in range(n_lanes):
                     work[target, lane] = work[a, lane] * work[b, lane] + work[c, lane]
-        elif kind == DIVIDE:
-            for k in range(start, stop):
-                a, b, target = left[k], right[k], first + k
-                for lane in range(n_lanes):
-                    work[target, lane] = work[a, lane] / work[b, lane]
-        elif kind == ROOT:
-            for k in range(start, stop):
-                a, b, target = left[k], right[k], first + k
-                for lane in range(n_lanes):
-                    work[target, lane] = math.sqrt(work[a, lane])
-        elif kind == ABSOLUTE:
-            for k in range(start, stop):
-                a, b, target = left[k], right[k], first + k
-                for lane in range(n_lanes):
-                    work[target, lane] = abs(work[a, lane])
-        elif kind == RAMP:
-            for k in range(start, stop):
-                a, b, target = left[k], right[k], first + k
-                for lane in range(n_lanes):
-                    work[target, lane] = max(work[a, lane], 0.0)
-        elif kind == STEP:
-            for k in range(start, stop):
-                a, b, target = left[k], right[k], first + k
-                for lane in range(n_lanes):
-                    work[target, lane] = 1.0 if work[a, lane] > 0.0 else 0.0
-        elif kind == SINE:
-            for k in range(start, stop):
-                a, b, target = left[k], right[k], first + k
-                for lane in range(n_lanes):
-                    work[target, lane] = sin_cos(work[a, lane])[0]
-        elif kind == COSINE:
-            for k in range(start, stop):
-                a, b, target = left[k], right[k], first + k
-                for lane in range(n_lanes):
-                    work[target, lane] = sin_cos(work[a, lane])[1]
-        elif kind == EXPONENTIAL:
-            for k in range(start, stop):
-                a, b, target = left[k], right[k], first + k
-                for lane in range(n_lanes):
-                    work[target, lane] = exponential(work[a, lane])
         else:
             for k in range(start, stop):
-                a, b, target = left[k], right[k], first + k
-                for lane in range(n_lanes):
-                    work[target, lane] = arc_tangent(work[a, lane], work[b, lane])
+                _execute_row(kind, work, left[k], right[k], first + k)
 
 
 @njit(**_SETTINGS)
@@ -192,11 +182,8 @@ def sweep(program: Program, work: np.ndarray, result: int, slope: np.ndarray) ->
     """Derivatives of one result by every row, after :func:`execute`, into ``slope`` (n_rows, n_lanes)."""
     operation, left, right, added = program.operation, program.left, program.right, program.added
     n_lanes, first = work.shape[1], work.shape[0] - operation.size
-    for row in range(slope.shape[0]):
-        for lane in range(n_lanes):
-            slope[row, lane] = 0.0
-    for lane in range(n_lanes):
-        slope[program.results[result], lane] = 1.0
+    slope[:] = 0.0
+    slope[program.results[result]] = 1.0
     for k in range(operation.size - 1, -1, -1):
         if not program.needed[result, k]:
             continue

@@ -12,11 +12,8 @@ from pymc_ship.physics.forces.hull import MMG
 from pymc_ship.physics.forces.hull_database import CONVEXITY
 from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, speed
 
-SLOWEST = 1e-12
-"""Fourth power of a speed [U_nom] that keeps the inflow smooth at its reversal."""
-
-X_R = -0.5
-"""Longitudinal position of the rudder [L]."""
+SLOWEST = 1e-12  # fourth power of a speed [U_nom] that keeps the inflow smooth at its reversal
+X_R = -0.5  # longitudinal position of the rudder [L]
 
 
 def _parameters(ship: Ship) -> tuple[Parameter, ...]:

@@ -13,12 +13,8 @@ from pymc_ship.physics.forces.expressions import Expression, arctan2, exp, ramp,
 from pymc_ship.physics.forces.hull import MMG
 from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship
 
-X_P = -0.48
-"""Longitudinal position of the propeller [L]."""
-
-NOMINAL_REVOLUTIONS = "n_0"
-"""Parameter that corrects the nominal revolutions of the vessel file."""
-
+X_P = -0.48  # longitudinal position of the propeller [L]
+NOMINAL_REVOLUTIONS = "n_0"  # parameter that corrects the nominal revolutions of the vessel file
 _TURNING = "right-handed screw, by judgement"
 _B_SERIES = "ten propellers of the Wageningen B-series (Roddy, Hess & Faller 2006, NSWCCD-50-TR-2006/004)"
 

@@ -10,9 +10,7 @@ from collections.abc import Mapping
 from pymc_ship.physics.forces.expressions import Expression
 from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, no_force, speed
 
-AIR_OVER_WATER = 1.225 / 1025.0
-"""Density of air over that of sea water."""
-
+AIR_OVER_WATER = 1.225 / 1025.0  # density of air over that of sea water
 CURRENT_COMPONENTS = ("c_north", "c_east")
 """Parameters of the components of a current, over the nominal speed, for each run."""
 

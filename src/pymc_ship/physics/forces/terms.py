@@ -19,12 +19,8 @@ from pymc_ship.physics.forces.programs import sin_cos
 SYMBOLS = ("u", "v", "r", "p", "phi", "delta")
 """Quantities of a term; ``u`` is the relative surge speed u_a = (U - U_nom) / U."""
 
-RUDDER = ("sin", "cos")
-"""Functions of the rudder angle in a term."""
-
-LOADING = ("g", "T")
-"""Functions of u_a in a term of a vessel with a propeller; see :mod:`pymc_ship.physics.forces.propeller`."""
-
+RUDDER = ("sin", "cos")  # functions of the rudder angle in a term
+LOADING = ("g", "T")  # functions of u_a in a term of a vessel with a propeller; see propeller
 ROW_ONE = 0
 ROW_SYMBOL = 1
 ROW_DELTA = ROW_SYMBOL + SYMBOLS.index("delta")

@@ -12,8 +12,7 @@ from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 
-CONFORMANCE_PROBABILITY = 0.95
-"""Probability from which a forecast states conformity; below 1 minus it, non-conformity."""
+CONFORMANCE_PROBABILITY = 0.95  # probability from which a forecast states conformity; below 1 minus it, non-conformity
 
 
 def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, Any]]:

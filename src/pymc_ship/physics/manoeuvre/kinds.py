@@ -13,16 +13,12 @@ if TYPE_CHECKING:
     from pymc_ship.physics.manoeuvre.events import Record
     from pymc_ship.physics.manoeuvre.steering_record import SteeringRecord
 
-SIDES = {"starboard": 1.0, "port": -1.0}
-"""Sign of the heading change towards each side."""
-
+SIDES = {"starboard": 1.0, "port": -1.0}  # sign of the heading change towards each side
 UNITS = {"angle": "deg", "drift": "deg", "roll": "deg", "time": "s", "distance": "m", "diameter": "m"}
 UNITS |= {"speed": "m/s", "rate": "deg/s"}
 """Unit of each quantity that an index can be; `angle` is a change of heading, `diameter` that of a steady turn."""
 
-TRACK_QUANTITIES = ("angle", "time", "distance", "diameter")
-"""Quantities of heading and track."""
-
+TRACK_QUANTITIES = ("angle", "time", "distance", "diameter")  # quantities of heading and track
 SCORED_QUANTITIES = ("angle", "time", "distance", "roll")
 """Quantities whose model error is estimated on held-out manoeuvres."""
 
@@ -32,11 +28,8 @@ OVERSHOOTS = ("first_overshoot_angle", "second_overshoot_angle", "third_overshoo
 DIMENSIONS = ("advance", "transfer", "tactical_diameter")
 """Indices that are drawn as dimension lines on the track of a manoeuvre that circles."""
 
-TRACK = ("psi", "x", "y")
-"""Channels that an index of the track needs."""
-
-Limit = tuple[str, float, str]
-"""Index, largest value that IMO MSC.137(76) allows, and its unit: ``deg`` or ``L``."""
+TRACK = ("psi", "x", "y")  # channels that an index of the track needs
+Limit = tuple[str, float, str]  # index, largest value that IMO MSC.137(76) allows, and its unit: deg or L
 
 
 @dataclass(frozen=True)

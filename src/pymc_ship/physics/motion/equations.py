@@ -32,9 +32,7 @@ INLINED = PART | {"forceinline": True}
 STATE = channel_names(lambda channel: channel.part == "motion")
 """Rows of a state array, SI units and rad: u, v, r, p, phi, psi, x, y."""
 
-VELOCITIES = STATE[:4]
-"""Those whose rates are accelerations, one a row of the inertia matrix."""
-
+VELOCITIES = STATE[:4]  # those whose rates are accelerations, one a row of the inertia matrix
 _CONSTANTS = ("L", "nominal_speed", "slowest", "m", "x_G", "z_G", "volume", "GM", "BM", *PropellerConstants._fields)
 
 HULL = np.dtype((np.record, [(name, float) for name in _CONSTANTS]))
@@ -177,12 +175,6 @@ def run_parts(state: np.ndarray, inputs: np.ndarray, scheme: Scheme, work: Work)
 
 
 @njit(**INLINED)
-def part_scale(scheme: Scheme, row: int) -> float:
-    """Unit of the acceleration of a row of the states that a result of the program is measured in."""
-    return row_scale(row, scheme.hull.nominal_speed, scheme.hull.L)
-
-
-@njit(**INLINED)
 def state_derivative(
     state: np.ndarray, inputs: np.ndarray, coefficients: np.ndarray, scheme: Scheme, work: Work, rate: np.ndarray
 ) -> None:
@@ -197,7 +189,7 @@ def state_derivative(
     if scheme.program.results.size > 0:
         run_parts(state, inputs, scheme, work)
         for row in range(4):
-            result, scale = scheme.program.results[row], part_scale(scheme, row)
+            result, scale = scheme.program.results[row], row_scale(row, scheme.hull.nominal_speed, scheme.hull.L)
             for lane in range(state.shape[1]):
                 rate[row, lane] += scale * work.parts[result, lane]
     for lane in range(state.shape[1]):

@@ -15,6 +15,9 @@ from pymc_ship.trial.record import OVER_GROUND
 
 _MOST_REVOLUTIONS = 5.0  # over the nominal ones
 
+Flow = tuple[float, float] | None
+"""Wind or current: speed [m/s] and direction [deg], from which wind blows, to which a current sets."""
+
 
 def all_inputs(inputs: np.ndarray) -> np.ndarray:
     """Inputs of shape (4, n_time); a rudder alone is completed by nominal revolutions and no wind."""
@@ -38,7 +41,8 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
         return values
     U = vessel.particulars.nominal_speed
     measured = revolutions_measured(trial)
-    if measured and (takes_revolutions(vessel) or _has_free_revolutions(vessel)):
+    free = any(c.name == NOMINAL_REVOLUTIONS and c.sd > FIXED_SD for c in vessel.parameters)
+    if measured and vessel.modular and (vessel.propeller is not None or free):
         values[1] = trial["n"].values / ship_dimensions(vessel).n
     else:
         values[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else initial_speed(trial) / U
@@ -55,11 +59,6 @@ def revolutions_measured(trial: xr.Dataset) -> bool:
     return "n" in trial and bool(np.isfinite(trial["n"].values).all())
 
 
-def _has_free_revolutions(vessel: Vessel) -> bool:
-    """Whether the nominal revolutions of a vessel of parts are a free parameter."""
-    return vessel.modular and any(c.name == NOMINAL_REVOLUTIONS and c.sd > FIXED_SD for c in vessel.parameters)
-
-
 def takes_revolutions(vessel: Vessel) -> bool:
     """Whether the thrust of a vessel depends on revolutions in 1/s: it has parts and a stated propeller."""
     return vessel.modular and vessel.propeller is not None
@@ -70,7 +69,7 @@ def initial_speed(trial: xr.Dataset) -> float:
     return float(np.median(np.hypot(trial["u"].values[:10], trial["v"].values[:10] if "v" in trial else 0.0)))
 
 
-def velocity(flow: tuple[float, float] | None) -> np.ndarray:
+def velocity(flow: Flow) -> np.ndarray:
     """North and east components [m/s] of a flow, from its speed [m/s] and the direction it goes to [deg]."""
     if flow is None:
         return np.zeros(2)
@@ -83,17 +82,12 @@ def velocity(flow: tuple[float, float] | None) -> np.ndarray:
 
 
 def steady_inputs(
-    vessel: Vessel,
-    approach_speed: float,
-    *,
-    n: float | None = None,
-    wind: tuple[float, float] | None = None,
-    current: tuple[float, float] | None = None,
+    vessel: Vessel, approach_speed: float, *, n: float | None = None, wind: Flow = None, current: Flow = None
 ) -> np.ndarray:
     """Constant inputs without the rudder, (3,): revolutions over the nominal ones, velocity of the air over U_nom.
 
-    ``n`` [1/s] is by default that of the approach speed [m/s]; the wind blows from, the current sets to its direction
-    [deg]. SimulationError for impossible revolutions, wind without the part "wind", too fast a current.
+    ``n`` [1/s] is by default that of the approach speed [m/s]. SimulationError for impossible revolutions, wind without
+    the part "wind", too fast a current.
     """
     U = vessel.particulars.nominal_speed
     revolutions = approach_speed / U if n is None else _relative_revolutions(vessel, n)

@@ -17,14 +17,12 @@ from pymc_ship.physics.motion.equations import (
     Scheme,
     Work,
     add_hydrodynamic_forces,
-    part_scale,
     propeller_constants,
     state_derivative,
 )
 from pymc_ship.physics.motion.stepping import N_INPUTS, STATE_ROWS
 
-INSTANTS = 32
-"""Evaluations of the equations of motion that are linearised side by side."""
+INSTANTS = 32  # evaluations of the equations of motion that are linearised side by side
 
 
 class Change(NamedTuple):
@@ -154,7 +152,7 @@ def linearise(instants: Instants, coefficients: np.ndarray, scheme: Scheme, work
         instants.f_x[k] = 0.0
     if scheme.rows.size > 0:
         for k in range(program.results.size):  # subtract the accelerations by parts
-            result, scale = program.results[k], part_scale(scheme, k)
+            result, scale = program.results[k], row_scale(k, scheme.hull.nominal_speed, scheme.hull.L)
             for lane in range(state.shape[1]):
                 rate[k, lane] -= scale * work.parts[result, lane]
         for lane in range(state.shape[1]):
@@ -178,7 +176,7 @@ def _add_parts(instants: Instants, scheme: Scheme, work: Work, tangent: Work) ->
         if not program.needed[k].any():
             continue
         sweep(program, work.parts, k, slope)
-        scale = part_scale(scheme, k)
+        scale = row_scale(k, U, scheme.hull.L)
         for i in range(n_states):
             unit = scale / (U if i < 2 else turn if i < 4 else 1.0)
             for lane in range(f_x.shape[2]):

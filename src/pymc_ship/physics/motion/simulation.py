@@ -15,7 +15,7 @@ from pymc_ship.machine.threads import thread_pool
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.controlled import Start, course
 from pymc_ship.physics.motion.equations import KERNEL, PART, Scheme, scheme, set_parts
-from pymc_ship.physics.motion.inputs import steady_inputs, velocity
+from pymc_ship.physics.motion.inputs import Flow, steady_inputs, velocity
 from pymc_ship.physics.motion.stepping import (
     LANES,
     METHODS,
@@ -32,8 +32,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 
-INTEGRATORS = (*METHODS, "dop853")
-"""Methods of :func:`simulate`: two with a fixed step, one with controlled error."""
+INTEGRATORS = (*METHODS, "dop853")  # methods of simulate: two with a fixed step, one with controlled error
 
 
 class Steering(NamedTuple):
@@ -285,9 +284,7 @@ def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:
     return initial
 
 
-def _surroundings(
-    n: float | None, wind: tuple[float, float] | None, current: tuple[float, float] | None
-) -> dict[str, Any]:
+def _surroundings(n: float | None, wind: Flow, current: Flow) -> dict[str, Any]:
     """Revolutions, wind and current for the attrs of a record."""
     settings = {} if n is None else {"n": float(n)}
     for name, given in (("wind", wind), ("current", current)):
@@ -303,7 +300,5 @@ def _dataset(
     }
     seconds = {"units": "s"}
     variables |= {"diverged": ("draw", np.isfinite(diverged_at)), "diverged_at": ("draw", diverged_at, seconds)}
-    coords = {"time": ("time", time, seconds)}
-    if single:
-        return xr.Dataset(variables, coords, attrs).isel(draw=0)
-    return xr.Dataset(variables, coords | {"draw": np.arange(out.shape[1])}, attrs)
+    runs = xr.Dataset(variables, {"time": ("time", time, seconds)}, attrs)
+    return runs.isel(draw=0) if single else runs.assign_coords(draw=np.arange(out.shape[1]))

@@ -12,17 +12,11 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.motion.equations import INLINED, KERNEL, PART, STATE, Scheme, Work, state_derivative, workspace
 from pymc_ship.physics.vessel.vessel import Vessel
 
-METHODS = ("euler", "rk4")
-"""Integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta."""
-
+METHODS = ("euler", "rk4")  # integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta
 STATE_ROWS, N_INPUTS = len(STATE), len(INPUTS)
 
-STEPS, RECORDED = 240, 4
-"""Integration steps per L/U and per sample of :func:`simulation_settings`."""
-
-LANES = 16
-"""Draws integrated by one kernel call."""
-
+STEPS, RECORDED = 240, 4  # integration steps per L/U and per sample of simulation_settings
+LANES = 16  # draws integrated by one kernel call
 _STAGES = {
     "euler": np.array([[0.0, 1.0]]),
     "rk4": np.column_stack([[0.0, 0.5, 0.5, 1.0], np.array([1.0, 2.0, 2.0, 1.0]) / 6.0]),
@@ -129,8 +123,7 @@ def increase(target: np.ndarray, factor: float, rate: np.ndarray) -> None:
 @njit(**PART)
 def mark_divergence(state: np.ndarray, hull: np.record, step: int, diverged: np.ndarray) -> int:
     """Record the step at which a lane diverges and reset its state; return the number of lanes still running."""
-    n_lanes = state.shape[1]
-    n_in_range = 0
+    n_lanes, n_in_range = state.shape[1], 0
     for lane in range(n_lanes):
         n_in_range += in_range(state, hull, lane)
     if n_in_range < n_lanes:

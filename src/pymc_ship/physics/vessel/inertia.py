@@ -12,18 +12,12 @@ from dataclasses import replace
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.vessel.vessel import Particulars, Vessel
 
-K_ZZ = 0.25
-"""Radius of gyration of the yaw moment of inertia about the centre of gravity, over L."""
-
+K_ZZ = 0.25  # radius of gyration of the yaw moment of inertia about the centre of gravity, over L
 DIAGONAL = ("Xudot", "Yvdot", "Nrdot")
 """Added masses that are estimated if a file leaves them out; missing couplings are 0."""
 
-K_XX = 0.375
-"""Radius of gyration of the roll moment of inertia about the centre of gravity, over B."""
-
-TYPICAL_GM = 0.06
-"""GM/B of a usual merchant ship; most have 0.02 to 0.1."""
-
+K_XX = 0.375  # radius of gyration of the roll moment of inertia about the centre of gravity, over B
+TYPICAL_GM = 0.06  # GM/B of a usual merchant ship; most have 0.02 to 0.1
 _ADDED_ROLL = 0.2  # added moment of inertia in roll over I_xx
 _LEAST = 0.01  # a prolate spheroid of L/B = 14 has this added mass in surge (Lamb 1932)
 

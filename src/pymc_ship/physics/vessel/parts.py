@@ -20,9 +20,7 @@ from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.vessel.inertia import with_stability
 from pymc_ship.physics.vessel.vessel import Coefficient, Particulars, Vessel
 
-FIXED_SD = 1e-9
-"""Standard deviation of a parameter that is fixed at its value."""
-
+FIXED_SD = 1e-9  # standard deviation of a parameter that is fixed at its value
 _DIAMETER = 0.65  # of a propeller, over the draught
 _OPEN_WATER = (0.33, -0.30, -0.13)  # of a four-bladed Wageningen propeller with a pitch of 0.75 diameters
 _ETA = 0.65  # diameter of a propeller over the height of a rudder

@@ -23,9 +23,7 @@ _PARTICULARS = ("L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G")
 _OF_ROLL = ("z_G", "GM", "BM")
 _INERTIA = ("m", "I_zz", "I_xx")
 _TEXTS = ("source", "sign_source", "note")
-_LONGEST = 60
-"""Largest number of characters of the name of a vessel or a coefficient."""
-
+_LONGEST = 60  # largest number of characters of the name of a vessel or a coefficient
 _PACKAGE = Path(__file__).parents[2]
 SHIPPED = _PACKAGE / "models" if (_PACKAGE / "models").is_dir() else _PACKAGE.parents[1] / "models"
 

@@ -19,9 +19,7 @@ from pymc_ship.physics.vessel.parts import ship_dimensions, with_parts
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import LETTER, Coefficient, Vessel
 
-OWN = "own terms"
-"""Name of the set of the terms in the vessel file."""
-
+OWN = "own terms"  # name of the set of the terms in the vessel file
 _SQUARES = ("v|v|", "v|r|", "r|v|", "r|r|")
 _CUBES = ("vvv", "vvr", "vrr", "rrr")
 

@@ -14,14 +14,11 @@ from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.part import AddedMass
 from pymc_ship.physics.forces.propeller import Propeller
 
-DOFS = ("surge", "sway", "yaw", "roll")
-"""Degrees of freedom, in the order of the equations of motion."""
-
+DOFS = ("surge", "sway", "yaw", "roll")  # degrees of freedom, in the order of the equations of motion
 LETTER = {"surge": "X", "sway": "Y", "yaw": "N", "roll": "K"}
 """First letter of a coefficient by degree of freedom: X, Y forces, N, K moments."""
 
-ADDED_MASS = AddedMass._fields
-"""Acceleration derivatives; those of roll are zero for a vessel without roll."""
+ADDED_MASS = AddedMass._fields  # acceleration derivatives; those of roll are zero for a vessel without roll
 
 
 @dataclass(frozen=True)
