@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from benchmarks import kvlcc2
-from pymc_ship.physics.forces.hull_database import SOURCE, STRIPS, TYPICAL_RUDDER, cross_flow_terms
-from pymc_ship.physics.vessel.hull_database import hull_coefficients, with_hull_database, with_typical_rudder
+from pymc_ship.physics.forces.hull_database import SOURCE, cross_flow_terms
+from pymc_ship.physics.vessel.hull_database import (
+    STRIPS,
+    TYPICAL_RUDDER,
+    hull_coefficients,
+    with_hull_database,
+    with_typical_rudder,
+)
 from pymc_ship.physics.vessel.term_sets import TERM_SETS, with_terms
 from pymc_ship.physics.vessel.vessel import LETTER, Coefficient
 from tests.ships.identification.cases import tanker
@@ -17,7 +23,7 @@ from tests.ships.identification.cases import tanker
 CAPTIVE = {LETTER[dof] + term: value for dof, row in kvlcc2.HULL.items() for term, value in row.items()}
 CAPTIVE |= {"Xvr": CAPTIVE["Xvr"] + kvlcc2.ADDED["y"], "Yr": CAPTIVE["Yr"] - kvlcc2.ADDED["x"]}
 del CAPTIVE["X0"], CAPTIVE["Xvvvv"]
-"""Yasukawa & Yoshimura (2015) over rho/2 L d U^2, with m_y' v r and m_x' u r, which they keep apart."""
+"""Yasukawa & Yoshimura (2015) over rho/2 L d U^2, with m_y' v r and m_x' u r, which they list separately."""
 
 BY_DRAUGHT = 20.8 / 320.0
 

@@ -59,10 +59,8 @@ def order_parts(names: Sequence[str], *, polynomial: bool) -> tuple[str, ...]:
     """Names of parts in the order of evaluation; UnknownPart for unknown, repeated or missing parts."""
     unknown = [name for name in names if name not in PARTS]
     if unknown or len(set(names)) < len(names):
-        raise UnknownPart(
-            f"parts must be some of {', '.join(PARTS)}, each once, found {', '.join(map(str, unknown or names))}; "
-            "correct them."
-        )
+        given = ", ".join(map(str, unknown or names))
+        raise UnknownPart(f"parts must be some of {', '.join(PARTS)}, each once, found {given}; correct them.")
     roles = [PARTS[name].role for name in names]
     twice = sorted({role for role in roles if roles.count(role) > 1})
     missing = [role for role in ("hull", *MODULAR) if role not in roles]

@@ -23,10 +23,8 @@ def register_manoeuvre(kind: ManoeuvreKind) -> None:
     """
     for known in KINDS.values():
         if kind.name == known.name or (kind.option and kind.option == known.option):
-            raise SimulationError(
-                f"Each kind of manoeuvre has its own name and option, found {kind.name!r} with {kind.option!r} and "
-                f"{known.name!r} with {known.option!r}; rename one."
-            )
+            pair = " and ".join(f"{one.name!r} with {one.option!r}" for one in (kind, known))
+            raise SimulationError(f"Each kind of manoeuvre has its own name and option, found {pair}; rename one.")
     KINDS[kind.name] = kind
 
 

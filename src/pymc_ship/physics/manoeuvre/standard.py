@@ -80,10 +80,8 @@ class Manoeuvre:
 def one_manoeuvre(manoeuvre: object) -> Manoeuvre:
     """The manoeuvre itself; SimulationError for anything else."""
     if not isinstance(manoeuvre, Manoeuvre):
-        raise SimulationError(
-            "The manoeuvre is one value made by zigzag, turning_circle or rudder_programme, found "
-            f"{short_repr(manoeuvre)}; give one of these."
-        )
+        makers = "zigzag, turning_circle or rudder_programme"
+        raise SimulationError(f"The manoeuvre is made by {makers}, found {short_repr(manoeuvre)}; give one of these.")
     return manoeuvre
 
 

@@ -48,11 +48,9 @@ def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
     """Limits of the 10/10 and the 20/20 test."""
     angles = (attrs.get("rudder_deg"), attrs.get("heading_deg"))
     if angles == (10.0, 10.0):
-        return (
-            ("first_overshoot_angle", min(max(5.0 + 0.5 * ratio, 10.0), 20.0), "deg"),
-            ("second_overshoot_angle", min(max(17.5 + 0.75 * ratio, 25.0), 40.0), "deg"),
-            ("initial_turning_distance", 2.5, "L"),
-        )
+        first = ("first_overshoot_angle", min(max(5.0 + 0.5 * ratio, 10.0), 20.0), "deg")
+        second = ("second_overshoot_angle", min(max(17.5 + 0.75 * ratio, 25.0), 40.0), "deg")
+        return first, second, ("initial_turning_distance", 2.5, "L")
     return (("first_overshoot_angle", 25.0, "deg"),) if angles == (20.0, 20.0) else ()
 
 

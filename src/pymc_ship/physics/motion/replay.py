@@ -113,10 +113,8 @@ def check_replay(
     n_coefficients = sum(map(len, vessel.forces.values())) + len(vessel.parameters)
     shapes = [array.shape for array in arrays]
     if shapes[0] != (n_coefficients,) or shapes[1] not in ((5,), (6,), (8,)) or shapes[2][0] != N_INPUTS:
-        raise SimulationError(
-            f"A replay needs {n_coefficients} coefficients, 5, 6 or 8 initial states and inputs of shape (time,) or "
-            f"(4, time), found shapes {', '.join(map(str, shapes))}; reshape them."
-        )
+        expected = f"{n_coefficients} coefficients, 5, 6 or 8 initial states and inputs of shape (time,) or (4, time)"
+        raise SimulationError(f"A replay needs {expected}, found shapes {', '.join(map(str, shapes))}; reshape them.")
     if method not in METHODS or substeps < 1 or not 1 <= block <= shapes[2][1] or not 0.0 < interval < np.inf:
         raise SimulationError(
             f"A replay needs a method of {', '.join(METHODS)}, a positive interval, substeps from 1 and a block from 1 "

@@ -264,14 +264,9 @@ def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integra
     """Steering of a vessel in a manoeuvre; Euler switches the rudder between steps only."""
     heading, factor = manoeuvre.switch
     delay, within = vessel.particulars.rudder_delay / steps.step, len(steps.stages) > 1
-    return Steering(
-        command=manoeuvre.command(np.arange(n_steps) * steps.step),
-        travel=rudder_rate(vessel, manoeuvre) * steps.step,
-        heading=float(heading),
-        factor=float(factor),
-        delay=delay if within else float(round(delay)),
-        within=float(within),
-    )
+    command, travel = manoeuvre.command(np.arange(n_steps) * steps.step), rudder_rate(vessel, manoeuvre) * steps.step
+    delay = delay if within else float(round(delay))
+    return Steering(command, travel, float(heading), float(factor), delay, float(within))
 
 
 def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:

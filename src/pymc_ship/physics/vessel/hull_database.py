@@ -9,8 +9,8 @@ from pymc_ship.physics.forces.hull_database import SOURCE, bare_hull, cross_flow
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Coefficient, Vessel
 
-_STRIPS = "cross-flow drag of strips, C_D 0.8"  # source of the quadratic terms
-_TYPICAL_RUDDER = "typical rudder behind a single screw"  # source of convex rudder terms and even terms in the yaw rate
+STRIPS = "cross-flow drag of strips, C_D 0.8"  # source of the quadratic terms
+TYPICAL_RUDDER = "typical rudder behind a single screw"  # source of convex rudder terms and even terms in the yaw rate
 
 
 def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
@@ -55,13 +55,13 @@ def with_hull_database(vessel: Vessel) -> Vessel:
     with_rudder = {f"{letter}{term}" for letter in "YN" for term in "vr" if f"{letter}g{term}" not in names}
     hull = {name: law for name, law in hull_coefficients(vessel).items() if name not in with_rudder}
     strips = cross_flow_terms(vessel.particulars.L, vessel.particulars.d)
-    return with_typical_rudder(_with_prior(_with_prior(vessel, hull, SOURCE), _with_loading(strips), _STRIPS))
+    return with_typical_rudder(_with_prior(_with_prior(vessel, hull, SOURCE), _with_loading(strips), STRIPS))
 
 
 def with_typical_rudder(vessel: Vessel) -> Vessel:
     """Vessel with the even and convex terms of a typical rudder where it has no sd; a missing draught is L/20."""
     s = vessel.particulars
-    return _with_prior(vessel, _with_loading(typical_rudder(s.L, s.d or s.L / 20.0)), _TYPICAL_RUDDER)
+    return _with_prior(vessel, _with_loading(typical_rudder(s.L, s.d or s.L / 20.0)), TYPICAL_RUDDER)
 
 
 def _with_loading(known: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:

@@ -94,10 +94,8 @@ def with_parts(
             _check_draught(vessel)
             vessel = with_stability(vessel)
     if WIND.name in names and vessel.windage is None:
-        raise VesselError(
-            f"The part wind needs the areas above the water of {vessel.name!r}; add frontal_area and lateral_area "
-            "[m2] to [windage]."
-        )
+        keys = "frontal_area and lateral_area [m2]"
+        raise VesselError(f"The part wind needs the areas above the water of {vessel.name!r}; add {keys} to [windage].")
     typical = {p.name: Coefficient(**asdict(p)) for p in part_parameters(ship_dimensions(vessel), names)}
     stated = dict(stated or {})
     if unknown := ", ".join(name for name in stated if name not in typical):

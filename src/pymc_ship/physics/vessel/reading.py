@@ -82,10 +82,8 @@ def as_vessel(vessel: object) -> Vessel:
     if isinstance(vessel, Vessel):
         return vessel
     if not isinstance(vessel, str | Path):
-        raise VesselError(
-            f"A vessel is a Vessel, the name of a shipped one ({', '.join(shipped_vessels())}) or the path of a .toml "
-            f"file, found {short_repr(vessel)}; give one of these."
-        )
+        kinds = f"a Vessel, the name of a shipped one ({', '.join(shipped_vessels())}) or the path of a .toml file"
+        raise VesselError(f"A vessel is {kinds}, found {short_repr(vessel)}; give one of these.")
     return load_vessel(vessel)
 
 

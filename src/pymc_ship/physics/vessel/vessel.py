@@ -147,17 +147,13 @@ class Vessel:
         VesselError without this DOF, or coefficients of it.
         """
         force = self._force(dof)
-        return xr.DataArray(
-            np.array([c.value for c in force]),
-            dims="coefficient",
-            coords={
-                "coefficient": [c.name for c in force],
-                "term": ("coefficient", [c.term for c in force]),
-                "sign_source": ("coefficient", [c.sign_source for c in force]),
-            },
-            name=f"{LETTER[dof]}'",
-            attrs={"vessel": self.name, "dof": dof, "units": "prime"},
-        )
+        coords = {
+            "coefficient": [c.name for c in force],
+            "term": ("coefficient", [c.term for c in force]),
+            "sign_source": ("coefficient", [c.sign_source for c in force]),
+        }
+        values, attrs = np.array([c.value for c in force]), {"vessel": self.name, "dof": dof, "units": "prime"}
+        return xr.DataArray(values, coords, "coefficient", f"{LETTER[dof]}'", attrs)
 
     def published_estimates(self, dof: str, which: str) -> np.ndarray:
         """Published estimates of a DOF, shape (n_terms,); NaN if not published."""
