@@ -111,7 +111,7 @@ def test_every_result_has_its_own_derivatives():
     assert program.needed.sum(axis=1).tolist() == [1, 1, 0]
 
 
-def test_what_is_asked_twice_is_formed_once_and_what_nobody_needs_never():
+def test_equal_operations_are_recorded_once_and_unused_ones_never():
     trace = Trace(INPUTS, PARAMETERS)
     u, v = trace.inputs.values()
     _ = sin(u)

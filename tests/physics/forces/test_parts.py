@@ -46,9 +46,9 @@ def forces(vessel, motion, parameters=None):
 def motions(lowest=0.3):
     rng = np.random.default_rng(1)
     n = 50
-    found = {"u": rng.uniform(lowest, 1.1, n), "v": rng.uniform(-0.3, 0.3, n), "r": rng.uniform(-0.7, 0.7, n)}
-    found |= {"delta": rng.uniform(-0.6, 0.6, n), "n": rng.uniform(lowest, 1.2, n)}
-    return found | {"p": rng.uniform(-0.5, 0.5, n), "phi": rng.uniform(-0.3, 0.3, n)}
+    drawn_motion = {"u": rng.uniform(lowest, 1.1, n), "v": rng.uniform(-0.3, 0.3, n), "r": rng.uniform(-0.7, 0.7, n)}
+    drawn_motion |= {"delta": rng.uniform(-0.6, 0.6, n), "n": rng.uniform(lowest, 1.2, n)}
+    return drawn_motion | {"p": rng.uniform(-0.5, 0.5, n), "phi": rng.uniform(-0.3, 0.3, n)}
 
 
 def mirrored(motion):
@@ -65,8 +65,8 @@ def test_a_ship_in_a_mirror_has_the_mirrored_forces(names, lowest):
     X, *sideways = forces(vessel, motion)
     other = reference_coefficients(vessel)
     other[[k for k, name in enumerate(coefficient_names(vessel)) if name in BY_SIDE]] *= -1.0
-    seen = forces(vessel, mirrored(motion), other)
-    np.testing.assert_allclose(seen, [X, *np.negative(sideways)], rtol=1e-12, atol=1e-15)
+    mirror_image = forces(vessel, mirrored(motion), other)
+    np.testing.assert_allclose(mirror_image, [X, *np.negative(sideways)], rtol=1e-12, atol=1e-15)
     assert np.any(sideways[-1]) == ("roll" in names)
 
 
@@ -75,8 +75,8 @@ def test_what_differs_by_side_breaks_the_mirror(name):
     vessel, motion = tanker(AHEAD), motions()
     values = reference_coefficients(vessel)
     values[coefficient_names(vessel).index(name)] = 0.1
-    apart = forces(vessel, motion, values)[1:3] + forces(vessel, mirrored(motion), values)[1:3]
-    assert np.abs(apart).max() > 1e-5
+    asymmetry = forces(vessel, motion, values)[1:3] + forces(vessel, mirrored(motion), values)[1:3]
+    assert np.abs(asymmetry).max() > 1e-5
 
 
 def test_at_rest_with_the_propeller_stopped_nothing_acts():
@@ -208,7 +208,7 @@ def test_a_part_made_elsewhere_is_read_simulated_and_differentiated(monkeypatch,
 
 
 def test_a_part_that_is_written_anew_takes_effect_at_once(monkeypatch):
-    """No program of the part of before is kept under its name."""
+    """A part registered anew under the same name has its own program."""
     vessel, still = tanker(AHEAD), {"u": np.ones(1), "delta": np.array([0.3])}
     before = forces(vessel, still)[2, 0]
     plain = PARTS["rudder"]

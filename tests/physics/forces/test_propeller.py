@@ -77,8 +77,8 @@ def test_thrust_astern_is_beforehand_that_of_published_propellers():
     known = {c.name: c for c in ps.with_terms(ps.load_vessel("kvlcc2"), "modular").parameters}
     advance = np.column_stack([np.ones(5), [0.0, 0.2, 0.4, 0.6, 0.8]])
     lines = np.array([np.linalg.lstsq(advance, thrust)[0] for thrust in THRUST_ASTERN.values()])
-    for name, found in zip(("T_nn", "T_nu"), lines.T, strict=True):
-        mean, sd, n = found.mean(), found.std(ddof=1), len(found)
+    for name, ratios in zip(("T_nn", "T_nu"), lines.T, strict=True):
+        mean, sd, n = ratios.mean(), ratios.std(ddof=1), len(ratios)
         assert abs(known[name].value - mean) < 2.0 * sd / np.sqrt(n)
         assert 1.0 / 1.5 < known[name].sd / sd < 1.5
         assert abs(0.3 * known[name].value - mean) > 2.0 * sd / np.sqrt(n)

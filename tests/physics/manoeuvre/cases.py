@@ -15,7 +15,7 @@ NOISE = {"u": 0.05, "v": 0.05, "r": 5e-4, "psi": 2e-3, "x": 1.0, "y": 1.0, "delt
 
 
 def scaled(name, L, ship_time, rate=2.35, delay=0.0):
-    """A shipped vessel of another length [m] and L/U [s], with her steering gear [deg/s, s]."""
+    """A shipped vessel of another length [m] and L/U [s], with its steering gear [deg/s, s]."""
     vessel = ps.load_vessel(name)
     gear = {"rudder_rate_deg": rate, "rudder_delay": delay}
     return replace(vessel, particulars=replace(vessel.particulars, L=L, nominal_speed=L / ship_time, **gear))
@@ -28,7 +28,7 @@ def simulated(vessel, manoeuvre, *, ship_times=30.0, interval=0.5):
 
 
 def measured(run, approach=0.0, *, seed=None, course=0.7, helm=0.0):
-    """The run after a straight approach [s] with some helm [rad] to keep her so, on a course, with noise for a seed."""
+    """The run after a straight approach [s] with a constant helm [rad], on a course, with noise for a seed."""
     step = float(run["time"][1])
     n = round(approach / step)
     before = {name: np.full(n, run[name].values[0]) for name in ("u", "v", "r", "p", "phi", "psi", "y")}

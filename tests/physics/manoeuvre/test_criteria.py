@@ -1,4 +1,4 @@
-"""The probability of passing a criterion is the share of ships that do, and its words say so."""
+"""The probability of passing a criterion is the fraction of draws that do, and its sentence states it."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def forecast_of(attrs, diverged=None, **values):
         name: ("draw", np.array(column, dtype=float), {"units": UNITS.get(name, "deg")})
         for name, column in values.items()
     }
-    found = xr.Dataset(table, {"draw": np.arange(n)}, attrs)
+    index_draws = xr.Dataset(table, {"draw": np.arange(n)}, attrs)
     ships = xr.Dataset({"diverged": ("draw", np.zeros(n, dtype=bool) if diverged is None else np.array(diverged))})
-    groups = {"trajectories": ships, "indices": found, "index_bands": quantile_bands(found, 0.9)}
+    groups = {"trajectories": ships, "indices": index_draws, "index_bands": quantile_bands(index_draws, 0.9)}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs | {"ci_prob": 0.9}), **groups})
 
 

@@ -31,14 +31,14 @@ def unbiased(values, exact):
 class TestDistance:
     def test_it_does_not_grow_with_the_noise_of_positions(self):
         """1 m of GNSS noise at 5 Hz makes the sum of lengths half as long again."""
-        found, summed = [], []
+        distances, summed = [], []
         for record in records(x=1.0, y=1.0, u=0.05, v=0.05, psi=2e-3):
-            found.append(record.distance(SWITCH))
+            distances.append(record.distance(SWITCH))
             until = record.time < SWITCH
             summed.append(np.hypot(np.diff(record.motion["x"][until]), np.diff(record.motion["y"][until])).sum())
         assert np.mean(summed) > 1.3 * SPEED * SWITCH
-        assert unbiased(found, SPEED * SWITCH)
-        assert np.std(found) < 3.0
+        assert unbiased(distances, SPEED * SWITCH)
+        assert np.std(distances) < 3.0
 
     def test_nor_does_it_depend_on_the_axes_of_the_track(self):
         run = sine(0.5)

@@ -21,7 +21,7 @@ def trial(time, attrs, **channels):
 
 
 def sine(interval, *, side="starboard", offset=0.0, duration=450.0):
-    """Ship whose heading is a sine, rolling on her way; track by Jacobi's expansion of cos(A sin) and sin(A sin)."""
+    """Ship whose heading is a sine, which also rolls; track by Jacobi's expansion of cos(A sin) and sin(A sin)."""
     t = np.arange(offset, duration, interval)
     angle, sign, k = OMEGA * t, SIDES[side], np.arange(1, 12)[:, None]
     x = jv(0, AMPLITUDE) * angle + np.sum(jv(2 * k, AMPLITUDE) * np.sin(2 * k * angle) / k, axis=0)
@@ -95,10 +95,10 @@ def worst_error(name, exact, interval):
 class TestZigzag:
     @pytest.mark.parametrize("side", SIDES)
     def test_a_sine_sampled_finely_has_its_exact_indices(self, side):
-        found = ps.indices(sine(0.05, side=side))
+        measured = ps.indices(sine(0.05, side=side))
         for name, exact in EXACT_ZIGZAG.items():
-            assert float(found[name]) == pytest.approx(exact, rel=1e-7), name
-        assert float(found["maximum_roll_angle"]) == pytest.approx(np.rad2deg(0.15), rel=1e-6)
+            assert float(measured[name]) == pytest.approx(exact, rel=1e-7), name
+        assert float(measured["maximum_roll_angle"]) == pytest.approx(np.rad2deg(0.15), rel=1e-6)
 
     @pytest.mark.parametrize(
         ("name", "order"),
@@ -126,10 +126,10 @@ class TestZigzag:
     def test_an_event_between_samples_far_apart_is_still_found(self):
         """Crossing and peak in one interval: 20 deg at 25.3 s and the peak at 50 s, sampled every 30 s from 24 s."""
         sparse = sine(30.0, offset=24.0, duration=600.0)
-        found = ps.indices(sparse)
-        assert float(found["initial_turning_time"]) + 24.0 == pytest.approx(SWITCH, abs=0.2)
-        assert float(found["first_overshoot_angle"]) == pytest.approx(8.0, abs=0.1)
-        assert float(found["first_overshoot_time"]) == pytest.approx(50.0 - SWITCH, abs=0.5)
+        measured = ps.indices(sparse)
+        assert float(measured["initial_turning_time"]) + 24.0 == pytest.approx(SWITCH, abs=0.2)
+        assert float(measured["first_overshoot_angle"]) == pytest.approx(8.0, abs=0.1)
+        assert float(measured["first_overshoot_time"]) == pytest.approx(50.0 - SWITCH, abs=0.5)
 
     @pytest.mark.parametrize("heading", [10.0, 20.0])
     def test_indices_hardly_depend_on_the_record_interval(self, container, heading):
@@ -154,39 +154,39 @@ class TestZigzag:
         ],
     )
     def test_events_after_the_end_of_the_record_are_nan(self, end, missing):
-        found = ps.indices(sine(0.5, duration=end))
-        assert {name for name in found.data_vars if np.isnan(found[name])} == missing
+        measured = ps.indices(sine(0.5, duration=end))
+        assert {name for name in measured.data_vars if np.isnan(measured[name])} == missing
 
     @pytest.mark.parametrize(("ordered", "reached"), [(19.5, True), (20.5, True), (18.5, False)])
     def test_a_helmsman_is_at_the_heading_within_a_degree(self, ordered, reached):
         """Then the initial turn ends where the ship passes the heading; it is open where he reverses before."""
         first = np.arcsin(np.deg2rad(ordered) / AMPLITUDE) / OMEGA
         by_hand = [first + 0.5 * k * PERIOD for k in range(3)]
-        found = ps.indices(sine(0.5).assign_attrs(reversal_times=by_hand))
+        measured = ps.indices(sine(0.5).assign_attrs(reversal_times=by_hand))
         expected = SWITCH if reached else np.nan
-        assert float(found["initial_turning_time"]) == pytest.approx(expected, abs=1e-4, nan_ok=True)
-        assert float(found["first_overshoot_angle"]) == pytest.approx(28.0 - ordered, abs=1e-4)
+        assert float(measured["initial_turning_time"]) == pytest.approx(expected, abs=1e-4, nan_ok=True)
+        assert float(measured["first_overshoot_angle"]) == pytest.approx(28.0 - ordered, abs=1e-4)
 
     def test_a_heading_that_is_never_reached(self):
         straight = sine(1.0)
         straight.attrs["heading_deg"] = 30.0
-        found = ps.indices(straight)
-        assert {name for name in found.data_vars if np.isfinite(found[name])} == {"maximum_roll_angle"}
+        measured = ps.indices(straight)
+        assert {name for name in measured.data_vars if np.isfinite(measured[name])} == {"maximum_roll_angle"}
 
 
 class TestTurningCircle:
     @pytest.mark.parametrize("side", SIDES)
     @pytest.mark.parametrize("course", [0.0, 1.1, -2.5, 7.0])
     def test_a_perfect_circle_has_its_exact_indices_from_any_course(self, side, course):
-        found = ps.indices(circle(0.5, side=side, course=course))
-        assert set(EXACT_CIRCLE) == set(found.data_vars)
+        measured = ps.indices(circle(0.5, side=side, course=course))
+        assert set(EXACT_CIRCLE) == set(measured.data_vars)
         for name, exact in EXACT_CIRCLE.items():
-            assert float(found[name]) == pytest.approx(exact, rel=1e-7, abs=1e-12), name
+            assert float(measured[name]) == pytest.approx(exact, rel=1e-7, abs=1e-12), name
 
     def test_times_count_from_the_first_instant_whatever_the_clock(self):
-        found = ps.indices(circle(0.5, offset=37.0))
+        measured = ps.indices(circle(0.5, offset=37.0))
         for name, exact in EXACT_CIRCLE.items():
-            assert float(found[name]) == pytest.approx(exact, rel=1e-7, abs=1e-12), name
+            assert float(measured[name]) == pytest.approx(exact, rel=1e-7, abs=1e-12), name
 
     def test_the_steady_values_are_means_over_the_last_90_deg(self):
         """A turn that fades: 90 deg over the time they take; speed and drift, linear in time, in the middle of it."""
@@ -194,15 +194,15 @@ class TestTurningCircle:
         r, speed, drift = 0.012 - 2e-6 * t, 8.0 - 2e-3 * t, 0.1 + 1e-4 * t
         psi = 0.012 * t - 1e-6 * t**2
         channels = {"u": speed * np.cos(drift), "v": -speed * np.sin(drift), "r": r, "psi": psi}
-        found = ps.indices(trial(t, {"manoeuvre": "turning_circle", "side": "starboard"}, **channels))
+        measured = ps.indices(trial(t, {"manoeuvre": "turning_circle", "side": "starboard"}, **channels))
         begin = float(np.interp(psi[-1] - 0.5 * np.pi, psi, t))
         middle, rate = 0.5 * (begin + t[-1]), 0.5 * np.pi / (t[-1] - begin)
         mean_speed = 8.0 - 2e-3 * middle
         near = {"abs": 2.0 * step / (t[-1] - begin), "rel": 2.0 * step / (t[-1] - begin)}  # the samples at both ends
-        assert float(found["steady_yaw_rate"]) == pytest.approx(np.rad2deg(rate), **near)
-        assert float(found["steady_speed"]) == pytest.approx(mean_speed, **near)
-        assert float(found["steady_drift_angle"]) == pytest.approx(np.rad2deg(0.1 + 1e-4 * middle), **near)
-        assert float(found["steady_turning_diameter"]) == pytest.approx(2.0 * mean_speed / rate, **near)
+        assert float(measured["steady_yaw_rate"]) == pytest.approx(np.rad2deg(rate), **near)
+        assert float(measured["steady_speed"]) == pytest.approx(mean_speed, **near)
+        assert float(measured["steady_drift_angle"]) == pytest.approx(np.rad2deg(0.1 + 1e-4 * middle), **near)
+        assert float(measured["steady_turning_diameter"]) == pytest.approx(2.0 * mean_speed / rate, **near)
 
     @pytest.mark.parametrize("name", ["advance", "transfer", "tactical_diameter"])
     def test_the_error_shrinks_with_the_fourth_power_of_the_sampling_interval(self, name):
@@ -245,8 +245,8 @@ class TestTurningCircle:
         ],
     )
     def test_events_after_the_end_of_the_record_are_nan(self, turned, missing):
-        found = ps.indices(circle(0.5, duration=np.deg2rad(turned) / 0.012))
-        assert {name for name in found.data_vars if np.isnan(found[name])} == missing
+        measured = ps.indices(circle(0.5, duration=np.deg2rad(turned) / 0.012))
+        assert {name for name in measured.data_vars if np.isnan(measured[name])} == missing
 
 
 class TestBatches:
@@ -254,21 +254,21 @@ class TestBatches:
         reference = np.concatenate([container.coefficients(dof) for dof in container.dofs])
         draws = reference * (1.0 + 0.03 * np.random.default_rng(14).standard_normal((4, reference.size)))
         batch = ps.simulate(container, ps.zigzag(20, 20), duration=300.0, record_interval=0.5, coefficients=draws)
-        found = ps.indices(batch)
-        assert found.sizes == {"draw": 4}
+        measured = ps.indices(batch)
+        assert measured.sizes == {"draw": 4}
         for draw in range(4):
             alone = ps.indices(batch.isel(draw=draw, drop=True))
-            for name in found.data_vars:
-                assert float(found[name][draw]) == float(alone[name])
+            for name in measured.data_vars:
+                assert float(measured[name][draw]) == float(alone[name])
 
     def test_a_run_that_diverged_keeps_the_indices_it_reached(self):
         whole = sine(0.5)
         broken = whole.where(whole["time"] < 100.0)
         batch = xr.concat([whole, broken, whole * np.nan], "draw", combine_attrs="override")
-        found = ps.indices(batch.assign_attrs(whole.attrs))
-        assert float(found["first_overshoot_angle"][1]) == float(found["first_overshoot_angle"][0])
-        assert np.isnan(found["second_overshoot_angle"][1:]).all()
-        assert all(np.isnan(found[name][2]) for name in found.data_vars)
+        measured = ps.indices(batch.assign_attrs(whole.attrs))
+        assert float(measured["first_overshoot_angle"][1]) == float(measured["first_overshoot_angle"][0])
+        assert np.isnan(measured["second_overshoot_angle"][1:]).all()
+        assert all(np.isnan(measured[name][2]) for name in measured.data_vars)
 
     def test_a_single_run_that_never_was_in_range(self, container):
         run = ps.simulate(container, ps.turning_circle(35.0, approach_speed=100.0), duration=10.0)

@@ -1,4 +1,4 @@
-"""What is said of a kind of manoeuvre once, and what cannot be said."""
+"""Kinds of manoeuvre: what one definition contains, and what is refused."""
 
 from __future__ import annotations
 

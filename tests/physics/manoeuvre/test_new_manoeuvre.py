@@ -32,7 +32,7 @@ from tests.ships.ensemble.cases import ship_of
 from tests.ships.forecasting.cases import SETTINGS, forecast, posterior, scattered, trial
 
 DURATION, SHORT = 200.0, 90.0
-"""Durations [s]: in the first every ship loses half her yaw rate, in the second some of a forecast do."""
+"""Durations [s]: in the first every ship loses half of its yaw rate, in the second some draws of a forecast do."""
 
 
 def measure(record, attrs):
@@ -42,8 +42,8 @@ def measure(record, attrs):
         return {}
     rate = np.abs(record.psi_dot)
     slow = np.flatnonzero((record.time > begin) & (rate < 0.5 * np.interp(begin, record.time, rate)))
-    found = {"time_to_midships": begin - record.time[0], "residual_yaw_rate": math.degrees(rate[-1])}
-    return found | ({"time_to_half_rate": record.time[slow[0]] - begin} if slow.size else {})
+    indices = {"time_to_midships": begin - record.time[0], "residual_yaw_rate": math.degrees(rate[-1])}
+    return indices | ({"time_to_half_rate": record.time[slow[0]] - begin} if slow.size else {})
 
 
 def recognise(helm):
@@ -120,16 +120,16 @@ class TestSimulation:
 class TestIndices:
     def test_they_are_those_of_the_record(self, container, rudder_kick):
         run = simulated(container, rudder_kick)
-        found = ps.indices(run)
-        assert set(found.data_vars) == set(RUDDER_KICK.indices)
+        measured = ps.indices(run)
+        assert set(measured.data_vars) == set(RUDDER_KICK.indices)
         psi = np.rad2deg(run["psi"].values)
-        assert float(np.interp(found["time_to_midships"], run["time"], psi)) == pytest.approx(40.0, abs=0.01)
-        assert float(found["residual_yaw_rate"]) == pytest.approx(abs(np.rad2deg(float(run["r"][-1]))), rel=0.02)
-        assert [found[name].attrs["units"] for name in RUDDER_KICK.indices] == ["s", "s", "deg/s"]
+        assert float(np.interp(measured["time_to_midships"], run["time"], psi)) == pytest.approx(40.0, abs=0.01)
+        assert float(measured["residual_yaw_rate"]) == pytest.approx(abs(np.rad2deg(float(run["r"][-1]))), rel=0.02)
+        assert [measured[name].attrs["units"] for name in RUDDER_KICK.indices] == ["s", "s", "deg/s"]
 
     def test_a_record_that_ends_before_has_none(self, container, rudder_kick):
-        found = ps.indices(simulated(container, rudder_kick, duration=20.0))
-        assert np.isnan([float(value) for value in found.data_vars.values()]).all()
+        measured = ps.indices(simulated(container, rudder_kick, duration=20.0))
+        assert np.isnan([float(value) for value in measured.data_vars.values()]).all()
 
     def test_no_criterion_of_the_imo_applies(self, container):
         angles = simulated(container, standard_manoeuvre("rudder_kick", 10, 10))
@@ -137,17 +137,17 @@ class TestIndices:
 
     def test_a_record_is_recognised_and_measured_as_one(self, container, rudder_kick):
         run, record = trial(container, rudder_kick, DURATION)
-        (found,), _ = ps.recognise([record], container)
-        assert found.label == rudder_kick.label
+        (recognised,), _ = ps.recognise([record], container)
+        assert recognised.label == rudder_kick.label
         model = [(container, np.tile(reference_coefficients(container), (3, 1)))]
-        rows = forecast_rows("own", record, found, model, np.ones(1))
+        rows = forecast_rows("own", record, recognised, model, np.ones(1))
         assert [(row["index"], row["kind"]) for row in rows] == [(name, "time") for name in RUDDER_KICK.scored]
         assert rows[0]["measured"] == pytest.approx(float(ps.indices(run)["time_to_midships"]), rel=0.02)
 
     def test_other_records_are_still_recognised_as_before(self, container):
         manoeuvres = ps.zigzag(20.0, 20.0), ps.turning_circle(35.0)
         records = [simulated(container, one, duration=300.0) for one in manoeuvres]
-        assert [found.label for found in ps.recognise(records, container)[0]] == [one.label for one in manoeuvres]
+        assert [one.label for one in ps.recognise(records, container)[0]] == [one.label for one in manoeuvres]
 
 
 class TestForecast:
@@ -188,12 +188,12 @@ class TestForecast:
             np.random.default_rng(1).normal(size=(50, len(SYMBOLS))), {"symbol": list(SYMBOLS)}, ("row", "symbol")
         )
         ship = ship_of((container, rows), motion=motion, index_error={"time": 0.01})
-        found = ps.forecast(ship, rudder_kick, rng=np.random.default_rng(1))
+        forecast = ps.forecast(ship, rudder_kick, rng=np.random.default_rng(1))
         unit = container.particulars.ship_time
-        assert float(found["trajectories"]["time"][-1]) == pytest.approx(30.0 * unit, rel=0.01)
-        own = ps.indices(found["trajectories"].to_dataset())
-        assert (found["indices"]["time_to_midships"].values != own["time_to_midships"].values).all()
-        np.testing.assert_array_equal(found["indices"]["residual_yaw_rate"], own["residual_yaw_rate"])
+        assert float(forecast["trajectories"]["time"][-1]) == pytest.approx(30.0 * unit, rel=0.01)
+        own = ps.indices(forecast["trajectories"].to_dataset())
+        assert (forecast["indices"]["time_to_midships"].values != own["time_to_midships"].values).all()
+        np.testing.assert_array_equal(forecast["indices"]["residual_yaw_rate"], own["residual_yaw_rate"])
 
 
 class TestWords:

@@ -29,7 +29,7 @@ def test_a_positive_rudder_angle_turns_to_port(constructor):
     np.testing.assert_allclose(constructor("starboard").command(time), np.deg2rad([-20.0, -20.0]))
 
 
-def test_a_programme_is_linear_between_its_breakpoints_and_held_beyond():
+def test_a_programme_is_linear_between_its_breakpoints_and_constant_beyond():
     programme = ps.rudder_programme([0.0, 10.0, 30.0], [0.1, 0.3, -0.1])
     np.testing.assert_allclose(programme.command(np.array([0.0, 5.0, 20.0, 99.0])), [0.1, 0.2, 0.1, -0.1])
 

@@ -34,7 +34,7 @@ TIME = np.arange(0.0, 200.0, 0.5)
 class TestExecution:
     @pytest.mark.parametrize("approach", [0.0, 60.0, 300.0])
     @pytest.mark.parametrize("manoeuvre", [ps.zigzag(10, 10), ps.turning_circle(35, side="starboard")], ids=str)
-    def test_it_is_found_after_any_approach_and_below_noise_and_helm(self, approach, manoeuvre):
+    def test_it_is_exact_after_any_approach_with_noise_and_helm(self, approach, manoeuvre):
         record = measured(simulated(SHIP, manoeuvre), approach, seed=1, helm=np.deg2rad(2.0))
         assert first_execute(record) == pytest.approx(approach, abs=1.0)
         assert approach_speed(record) == pytest.approx(8.0, abs=0.05)
@@ -45,7 +45,7 @@ class TestExecution:
         assert first_execute(rudder(time, helm)) == pytest.approx(110.0, abs=0.1)
         assert np.rad2deg(manoeuvre_rudder_angle(rudder(time, helm)["delta"].values)) == pytest.approx(20.0)
 
-    def test_a_helm_that_keeps_her_straight_for_longer_than_the_turn_lasts_is_not_the_order(self):
+    def test_a_constant_helm_that_lasts_longer_than_the_turn_is_not_the_order(self):
         record = rudder([0, 140, 149], [4, 4, 20])
         assert np.rad2deg(manoeuvre_rudder_angle(record["delta"].values)) == pytest.approx(20.0)
         assert first_execute(record) == pytest.approx(140.0, abs=0.6)
@@ -60,8 +60,10 @@ class TestExecution:
         assert first_execute(rudder([0, 200], [-35, -35])) == 0.0
 
     def test_a_hold_is_flat_and_lasts(self):
-        found = rudder([0, 20, 22, 100, 104, 170, 171, 174, 175, 177, 178], [0, 0, 10, 10, -10, -10, 0, 0, 10, 10, 0])
-        (first, second) = fixed_rudder_intervals(found["delta"].values)
+        recognised = rudder(
+            [0, 20, 22, 100, 104, 170, 171, 174, 175, 177, 178], [0, 0, 10, 10, -10, -10, 0, 0, 10, 10, 0]
+        )
+        (first, second) = fixed_rudder_intervals(recognised["delta"].values)
         assert [TIME[first[0]], TIME[second[0]]] == pytest.approx([21.5, 103.5], abs=0.6)
 
 
@@ -71,8 +73,8 @@ class TestByHand:
         vessel = scaled("kvlcc2", 160.0, 20.0, delay=delay)
         run, orders = steered_by_hand(vessel, ps.zigzag(20, 20, side="starboard"), SCATTERED)
         for record in (measured(run), measured(run, 120.0, seed=1)):
-            (found,), _ = recognise([record], vessel)
-            assert found.label == "zigzag 20/20 starboard"
+            (recognised,), _ = recognise([record], vessel)
+            assert recognised.label == "zigzag 20/20 starboard"
             reversals = rudder_reversals(record)
             begin = np.array([reversal.time for reversal in reversals]) - first_execute(record)
             np.testing.assert_allclose(begin - delay, orders, atol=0.6)

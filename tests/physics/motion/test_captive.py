@@ -1,4 +1,4 @@
-"""Forces on a held ship: those of the simulator, and their slopes."""
+"""Forces in captive tests: equal to those of the simulator, with exact derivatives."""
 
 import numpy as np
 import pytest

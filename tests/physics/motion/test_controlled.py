@@ -1,4 +1,4 @@
-"""The integrator of controlled error beside those of fixed steps: orders, tolerance, switches and the gear."""
+"""The integrator with controlled error against those with fixed steps: orders, tolerance, switches and the gear."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def test_a_rudder_that_follows_exactly_is_where_it_was_recorded(container):
 
 
 def test_a_ship_that_leaves_the_range_is_nan_from_then_on(container):
-    """About when she does by small Runge-Kutta steps; the other draw runs on."""
+    """Near the time of small Runge-Kutta steps; the other draw does not diverge."""
     reference = np.concatenate([container.coefficients(dof) for dof in container.dofs])
     draws = np.array([reference, 3.0 * np.abs(reference)])
     settings = {"duration": 60.0, "coefficients": draws, "record_interval": 0.5}

@@ -44,16 +44,16 @@ def test_sine_and_cosine_are_good_to_two_ulp(reach):
     """Over a range of angles and at their hardest: the floats nearest to multiples of 90 deg."""
     near_zeros = np.pi / 2.0 * np.unique(np.round(np.linspace(-reach, reach, 5001)))
     angles = np.concatenate([np.random.default_rng(3).uniform(-reach, reach, 50_000), near_zeros])
-    found = np.empty((2, angles.size))
-    _sin_cos_of_each(angles, *found)
+    computed = np.empty((2, angles.size))
+    _sin_cos_of_each(angles, *computed)
     exact = np.array([[math.sin(a) for a in angles], [math.cos(a) for a in angles]])
-    assert np.max(np.abs(found - exact) / np.spacing(np.abs(exact))) <= 2.0
+    assert np.max(np.abs(computed - exact) / np.spacing(np.abs(exact))) <= 2.0
 
 
 def test_sine_and_cosine_of_what_is_not_finite():
-    found = np.empty((2, 3))
-    _sin_cos_of_each(np.array([np.nan, np.inf, -np.inf]), *found)
-    assert np.isnan(found).all()
+    computed = np.empty((2, 3))
+    _sin_cos_of_each(np.array([np.nan, np.inf, -np.inf]), *computed)
+    assert np.isnan(computed).all()
 
 
 def test_accelerations_and_kinematics_are_those_of_the_plain_equations(container, motions):
@@ -101,7 +101,7 @@ def test_the_track_runs_at_the_horizontal_part_of_the_speed(container, motions):
 
 
 def test_a_ship_at_rest_in_roll_rights_herself(container):
-    """Heeled to starboard and not moving sideways, the known moment rolls her back to port, odd in the heel."""
+    """Heeled to starboard and not moving sideways, the known moment rolls the ship back to port, odd in the heel."""
     heel = np.array([-0.3, -0.1, 0.0, 0.1, 0.3])
     still = dict.fromkeys(("v", "r", "p", "delta"), np.zeros(5)) | {"u": np.full(5, 12.7), "phi": heel}
     moment = prime_record(container, still)[2][3]

@@ -27,7 +27,7 @@ def inputs(vessel):
 
 
 def in_wind():
-    """The tanker by terms, with wind and a constant force beside them."""
+    """The tanker by terms, with the parts wind and constant force."""
     vessel = replace(ps.load_vessel("kvlcc2"), windage=Windage(1000.0, 3000.0))
     return with_parts(vessel, ("wind", "constant force"))
 
@@ -120,18 +120,18 @@ def test_recorded_revolutions_and_wind_are_inputs():
     np.testing.assert_array_equal(plain[2:], 0.0)
     wind = {"wind_speed": 5.0, "wind_direction": np.pi / 2.0}
     full = trial.assign({name: ("time", np.full(200, value)) for name, value in ({"n": 1.2} | wind).items()})
-    found = recorded_inputs(full, vessel)
-    np.testing.assert_allclose(found[1], 1.2 / vessel.propeller.n)
-    np.testing.assert_allclose(found[3], -5.0 / vessel.particulars.nominal_speed)
-    np.testing.assert_allclose(found[2], 0.0, atol=1e-12)
+    recorded = recorded_inputs(full, vessel)
+    np.testing.assert_allclose(recorded[1], 1.2 / vessel.propeller.n)
+    np.testing.assert_allclose(recorded[3], -5.0 / vessel.particulars.nominal_speed)
+    np.testing.assert_allclose(recorded[2], 0.0, atol=1e-12)
 
 
 def test_wind_of_a_record_acts_on_a_ship_of_terms_with_the_part():
     vessel = in_wind()
     trial = ps.simulate(vessel, ps.zigzag(10, 10), duration=100, step=0.5)
     wind = {"wind_speed": 5.0, "wind_direction": 0.0}
-    found = recorded_inputs(trial.assign({k: ("time", np.full(200, v)) for k, v in wind.items()}), vessel)
-    np.testing.assert_allclose(found[2], -5.0 / vessel.particulars.nominal_speed)
+    recorded = recorded_inputs(trial.assign({k: ("time", np.full(200, v)) for k, v in wind.items()}), vessel)
+    np.testing.assert_allclose(recorded[2], -5.0 / vessel.particulars.nominal_speed)
 
 
 def test_a_correction_of_the_nominal_revolutions_is_other_nominal_revolutions():

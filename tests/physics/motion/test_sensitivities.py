@@ -58,7 +58,7 @@ def start_of(vessel, n_states):
     return start
 
 
-def largest_error(column, found, vessel, start, method):
+def largest_error(column, derivatives, vessel, start, method):
     """Largest error of a column against central differences of the replayed motion, relative for each state.
 
     What rounding of the motion can make of the differences is no error.
@@ -72,7 +72,7 @@ def largest_error(column, found, vessel, start, method):
     motion = replay(vessel, DELTA, points[:, n:], points[:, :n], method=method, **SETTINGS)
     expected = np.einsum("ijk,j->ik", motion, weights)
     rounding = 1e-14 * np.abs(motion).max(axis=(1, 2)) / width
-    error = np.abs(found - expected).max(axis=1) - rounding
+    error = np.abs(derivatives - expected).max(axis=1) - rounding
     return (error / np.maximum(np.abs(expected).max(axis=1), 1e-12)).max()
 
 

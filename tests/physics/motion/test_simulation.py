@@ -179,8 +179,8 @@ class TestInvariants:
             F = plain_hull.force(u, v, r, 0.0, 0.0, float(run["delta"][k]))[:3]
             prime = np.linalg.solve(plain_hull.J[:3, :3], F)
             expected = prime * np.array([U2 / 230.66, U2 / 230.66, U2 / 230.66**2])
-            found = [float(run[name][k + 1] - run[name][k]) / 0.02 for name in "uvr"]
-            np.testing.assert_allclose(found, expected, rtol=1e-9)
+            simulated = [float(run[name][k + 1] - run[name][k]) / 0.02 for name in "uvr"]
+            np.testing.assert_allclose(simulated, expected, rtol=1e-9)
 
 
 class TestBatches:
@@ -239,8 +239,8 @@ class TestReplay:
     def test_it_is_the_simulated_run(self, container, smooth_run, zigzag_trial):
         for run, step, method in ((smooth_run, 0.1, "rk4"), (zigzag_trial, 0.02, "euler")):
             states, theta = self.motion(run), reference_coefficients(container)
-            found = replay(container, run["delta"].values, states[:, 0], theta, interval=step, method=method)[:, 0]
-            np.testing.assert_allclose(found, states, rtol=0.0, atol=1e-12 * np.abs(states).max())
+            simulated = replay(container, run["delta"].values, states[:, 0], theta, interval=step, method=method)[:, 0]
+            np.testing.assert_allclose(simulated, states, rtol=0.0, atol=1e-12 * np.abs(states).max())
 
     def test_it_goes_on_from_any_sample(self, container, smooth_run):
         states, theta = self.motion(smooth_run), reference_coefficients(container)
@@ -259,9 +259,9 @@ class TestReplay:
 
     def test_blocks_are_means_and_the_rest_is_left_out(self, container, smooth_run):
         states, theta = self.motion(smooth_run), reference_coefficients(container)
-        found = replay(container, smooth_run["delta"].values, states[:, 0], theta, interval=0.1, block=7)[:, 0]
+        simulated = replay(container, smooth_run["delta"].values, states[:, 0], theta, interval=0.1, block=7)[:, 0]
         expected = states[:, :798].reshape(8, 114, 7).mean(axis=2)
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(states).max())
+        np.testing.assert_allclose(simulated, expected, rtol=0.0, atol=1e-12 * np.abs(states).max())
 
     @pytest.mark.parametrize("n_states", [5, 6, 8])
     def test_each_ship_has_its_coefficients_and_its_start(self, container, smooth_run, draws, n_states):
@@ -276,9 +276,9 @@ class TestReplay:
     def test_a_ship_that_leaves_the_models_range_is_nan_and_its_neighbours_are_not(self, container, smooth_run, draws):
         rudder, start = smooth_run["delta"].values, np.tile(self.motion(smooth_run)[:5, 0], (3, 1))
         start[1, 0] = 0.05
-        found = replay(container, rudder, start, draws[:3], interval=0.1)
-        assert np.isnan(found[:, 1]).all()
-        assert np.isfinite(found[:, [0, 2]]).all()
+        simulated = replay(container, rudder, start, draws[:3], interval=0.1)
+        assert np.isnan(simulated[:, 1]).all()
+        assert np.isfinite(simulated[:, [0, 2]]).all()
 
 
 class TestRecord:
@@ -315,15 +315,15 @@ class TestFiguresOfThePaper:
     """METHOD.md, section 2; tolerances are half of the last printed digit or 5 % where it says 'about'."""
 
     def test_zigzag_20_20(self, zigzag_trial):
-        found = ps.indices(zigzag_trial)
+        simulated = ps.indices(zigzag_trial)
         for name in ("first_overshoot_angle", "second_overshoot_angle", "third_overshoot_angle"):
-            assert float(found[name]) == pytest.approx(9.0, abs=0.5)
-        assert float(found["maximum_roll_angle"]) == pytest.approx(10.0, abs=0.5)
+            assert float(simulated[name]) == pytest.approx(9.0, abs=0.5)
+        assert float(simulated["maximum_roll_angle"]) == pytest.approx(10.0, abs=0.5)
 
     def test_turning_circle_35_to_port(self, container, circle_trial):
-        found, L = ps.indices(circle_trial), container.particulars.L
-        assert float(found["advance"]) / L == pytest.approx(5.0, abs=0.05)
-        assert float(found["tactical_diameter"]) / L == pytest.approx(6.7, abs=0.05)
+        simulated, L = ps.indices(circle_trial), container.particulars.L
+        assert float(simulated["advance"]) / L == pytest.approx(5.0, abs=0.05)
+        assert float(simulated["tactical_diameter"]) / L == pytest.approx(6.7, abs=0.05)
         heel = np.rad2deg(circle_trial["phi"].values)
         assert heel[-1] == pytest.approx(8.0, abs=0.5)  # outward is to starboard in a turn to port
         assert heel.min() == pytest.approx(-2.4, abs=0.05)

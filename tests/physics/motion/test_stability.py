@@ -27,9 +27,9 @@ def test_without_roll_the_sign_is_that_of_the_criterion():
     vessel = ps.load_vessel("kvlcc2")
     reference, rng = reference_coefficients(vessel), np.random.default_rng(1)
     rows = reference * (1.0 + 0.2 * rng.standard_normal((300, reference.size)))
-    found, expected = growth_rates(vessel, rows, vessel.particulars.nominal_speed), criterion(vessel, rows)
-    np.testing.assert_array_equal(found > 0.0, expected < 0.0)
-    assert 20 < np.sum(found > 0.0) < 280
+    growth, expected = growth_rates(vessel, rows, vessel.particulars.nominal_speed), criterion(vessel, rows)
+    np.testing.assert_array_equal(growth > 0.0, expected < 0.0)
+    assert 20 < np.sum(growth > 0.0) < 280
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.0])
@@ -55,6 +55,6 @@ def test_an_even_force_does_not_count_and_a_force_that_overflows_is_infinite(con
     wild[names.index("Yv")] = 1e300
     wild[names.index("Nv")] = np.inf
     speed = container.particulars.nominal_speed
-    found = growth_rates(container, np.stack([reference, even, wild]), speed)
-    assert found[1] == pytest.approx(found[0], rel=1e-6)
-    assert found[2] == np.inf
+    growth = growth_rates(container, np.stack([reference, even, wild]), speed)
+    assert growth[1] == pytest.approx(growth[0], rel=1e-6)
+    assert growth[2] == np.inf

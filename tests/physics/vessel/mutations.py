@@ -37,7 +37,7 @@ def mutated(rng: np.random.Generator) -> bytes:
 
 
 def _number(text: str, rng: np.random.Generator) -> str:
-    """Another value in place of a number."""
+    """Another value instead of a number."""
     return _replaced(text, rng, str(_VALUES[rng.integers(len(_VALUES))]))
 
 
@@ -48,10 +48,10 @@ def _scaled(text: str, rng: np.random.Generator) -> str:
 
 
 def _replaced(text: str, rng: np.random.Generator, value) -> str:
-    found = list(_NUMBER.finditer(text))
-    if not found:
+    numbers = list(_NUMBER.finditer(text))
+    if not numbers:
         return text
-    match = found[rng.integers(len(found))]
+    match = numbers[rng.integers(len(numbers))]
     return text[: match.start()] + (value if isinstance(value, str) else value(match[0])) + text[match.end() :]
 
 

@@ -1,4 +1,4 @@
-"""What follows from the particulars, beside what is published of a tanker."""
+"""Estimates from the particulars, compared with published values of a tanker."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def test_mass_and_radius_of_gyration_are_those_of_the_tanker():
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_added_masses_are_those_of_the_tanker(name):
     s = ps.load_vessel("kvlcc2").particulars
-    found = motora_added_mass(s, displaced_mass(s))
-    assert found[name] == pytest.approx(PUBLISHED[name] * s.d / s.L, rel=0.06)
+    estimates = motora_added_mass(s, displaced_mass(s))
+    assert estimates[name] == pytest.approx(PUBLISHED[name] * s.d / s.L, rel=0.06)
 
 
 def test_a_file_of_particulars_is_a_vessel_that_says_what_was_derived(tmp_path):
@@ -52,7 +52,7 @@ def test_what_is_stated_stays_and_the_rest_is_derived_from_it(tmp_path):
     ("ship", "carried"),
     [((320.0, 58.0, 0.0, 312622.0, 7.97), ["Yvdot", "d"]), ((40.0, 4.0, 1.8, 130.0, 6.0), [10, 2.22, 0.451])],
 )
-def test_added_masses_that_cannot_be_derived_are_asked_for(tmp_path, ship, carried):
+def test_added_masses_that_cannot_be_estimated_are_required(tmp_path, ship, carried):
     path = tmp_path / "ship.toml"
     path.write_text(particulars_toml(*ship))
     with refused(ps.VesselError, str(path), *carried):

@@ -53,9 +53,9 @@ def test_parts_make_a_ship_without_coefficients(tmp_path):
 
 def test_a_stated_parameter_goes_before_what_is_typical(tmp_path):
     tail = f'{PROPELLER}[parameters]\ngamma_R = {{ value = 0.5, sd = 0.01, source = "captive test" }}\nl_R = -0.7\n'
-    held = {c.name: c for c in vessel(tmp_path, tail=tail).parameters}
-    assert (held["gamma_R"].value, held["gamma_R"].sd, held["gamma_R"].source) == (0.5, 0.01, "captive test")
-    assert (held["l_R"].value, held["l_R"].sd, held["l_R"].source) == (-0.7, 0.2, "vessel file")
+    by_name = {c.name: c for c in vessel(tmp_path, tail=tail).parameters}
+    assert (by_name["gamma_R"].value, by_name["gamma_R"].sd, by_name["gamma_R"].source) == (0.5, 0.01, "captive test")
+    assert (by_name["l_R"].value, by_name["l_R"].sd, by_name["l_R"].source) == (-0.7, 0.2, "vessel file")
 
 
 def test_without_a_propeller_a_typical_one_holds_the_resistance_in_balance(tmp_path):
@@ -106,7 +106,7 @@ def test_a_set_of_terms_has_no_parts_beside_it(tmp_path):
 @pytest.mark.parametrize("name", PART_SETS)
 @pytest.mark.parametrize("hull", ["hull", "low-speed hull"])
 def test_a_set_of_parts_takes_the_place_of_those_of_the_file(tmp_path, hull, name):
-    """What the file states of a part that stays is kept; what belongs to the other hull is left."""
+    """Parameters of the parts in both sets keep the values of the file; those of the other hull are dropped."""
     tail = f"{PROPELLER}[parameters]\ngamma_R = {{ value = 0.5, sd = 0.01 }}\n"
     stated = vessel(tmp_path, head=PARTS.replace('"hull"', f'"{hull}"').replace("]", ', "constant force"]'), tail=tail)
     ship = with_terms(stated, name)
@@ -115,7 +115,7 @@ def test_a_set_of_parts_takes_the_place_of_those_of_the_file(tmp_path, hull, nam
     assert len([part for part in ship.parts if "hull" in part]) == 1
 
 
-def test_a_ship_of_parts_is_identified_with_her_own_parts_too(tmp_path):
+def test_a_ship_of_parts_is_also_identified_with_its_own_parts(tmp_path):
     ship = vessel(tmp_path)
     assert term_sets(ship)[0] == OWN
     assert with_terms(ship, OWN) is ship

@@ -1,4 +1,4 @@
-"""A slip in a vessel file is refused where no ship has the number, and said where ships rarely have it."""
+"""An impossible number in a vessel file is refused, an unusual one is reported."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def with_slip(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("ship", "key", "value", "said"),
+    ("ship", "key", "value", "excerpt"),
     [
         (
             "container",
@@ -95,18 +95,18 @@ def with_slip(tmp_path):
         ("container", "Yv", "1e308", "coefficients.sway.Yv = 1e+308, which must lie"),
     ],
 )
-def test_a_number_that_no_ship_has_is_refused(with_slip, ship, key, value, said):
+def test_an_impossible_number_is_refused(with_slip, ship, key, value, excerpt):
     path = with_slip(ship, key, value)
     with pytest.raises(ps.VesselError) as error:
         ps.load_vessel(path)
     sentence = str(error.value)
     assert sentence.startswith(f"{path}: ")
-    assert said in sentence
+    assert excerpt in sentence
     assert sentence.endswith(".")
 
 
 @pytest.mark.parametrize(
-    ("ship", "key", "value", "said"),
+    ("ship", "key", "value", "excerpt"),
     [
         (
             "container",
@@ -131,11 +131,11 @@ def test_a_number_that_no_ship_has_is_refused(with_slip, ship, key, value, said)
         ("container", "Yv", "-725", "perhaps a factor such as 1e-5 is missing"),
     ],
 )
-def test_a_number_that_ships_rarely_have_is_said_and_accepted(with_slip, ship, key, value, said):
+def test_an_unusual_number_is_reported_and_accepted(with_slip, ship, key, value, excerpt):
     (finding,) = findings(ps.load_vessel(with_slip(ship, key, value)))
     assert not finding.impossible
     assert finding.key.endswith(f".{key}")
-    assert said in finding.sentence
+    assert excerpt in finding.sentence
 
 
 def test_a_number_that_was_derived_is_not_called_doubtful():
@@ -164,9 +164,9 @@ def simulated(path, capsys, *words):
 
 def test_a_command_says_what_is_doubtful_and_goes_on(with_slip, capsys):
     path = with_slip("kvlcc2", "nominal_speed", "15.5")
-    status, said, out = simulated(path, capsys)
+    status, message, out = simulated(path, capsys)
     assert status == 0
-    assert f"{path}: particulars.nominal_speed = 15.5 gives" in said
+    assert f"{path}: particulars.nominal_speed = 15.5 gives" in message
     assert out.exists()
     assert simulated(path, capsys, "--quiet")[1] == ""
 
@@ -174,25 +174,25 @@ def test_a_command_says_what_is_doubtful_and_goes_on(with_slip, capsys):
 def test_a_command_says_what_was_derived(with_slip, capsys):
     path = with_slip("kvlcc2", "m", "0.019081")
     path.write_text(path.read_text().replace("m = 0.019081\n", ""))
-    said = "Estimated, because the vessel file does not state it: inertia.m = 0.019081 (2 volume/L^3)."
-    assert remarks(ps.load_vessel(path)) == [said]
-    assert f"{path}: {said}" in simulated(path, capsys)[1]
+    message = "Estimated, because the vessel file does not state it: inertia.m = 0.019081 (2 volume/L^3)."
+    assert remarks(ps.load_vessel(path)) == [message]
+    assert f"{path}: {message}" in simulated(path, capsys)[1]
 
 
 def test_a_command_refuses_what_is_impossible(with_slip, capsys):
-    status, said, out = simulated(with_slip("kvlcc2", "n", "90.8"), capsys)
+    status, message, out = simulated(with_slip("kvlcc2", "n", "90.8"), capsys)
     assert status == 2
-    assert "propeller.n = 90.8 gives the advance ratio" in said
-    assert "Traceback" not in said
+    assert "propeller.n = 90.8 gives the advance ratio" in message
+    assert "Traceback" not in message
     assert not out.exists()
 
 
 def test_a_command_that_needs_a_model_asks_for_it_before_it_writes(with_slip, capsys):
     path = with_slip("kvlcc2", "kappa", "0.5")
     path.write_text(path.read_text().split("[coefficients.sway]")[0])
-    status, said, out = simulated(path, capsys, "--quiet")
+    status, message, out = simulated(path, capsys, "--quiet")
     assert status == 2
-    assert said.startswith(
+    assert message.startswith(
         "pymc-ship: The model of 'kvlcc2' needs coefficients of sway, found none; identify them with"
     )
     folder = path.with_name("study")

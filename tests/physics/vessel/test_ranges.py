@@ -39,7 +39,7 @@ SHIPS = {
 
 
 def particulars_toml(L, B, d, volume, speed, scale=1.0):
-    """Vessel file of the particulars of a ship, or of her model at the same Froude number."""
+    """Vessel file of the particulars of a ship, or of its model at the same Froude number."""
     return (
         'name = "ship"\n[particulars]\nx_G = 0\n'
         f"L = {L / scale}\nB = {B / scale}\nd = {d / scale}\nvolume = {volume / scale**3}\n"

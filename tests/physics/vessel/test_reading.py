@@ -118,10 +118,10 @@ class TestErrors:
     )
     def test_a_value_that_is_no_finite_number_is_named_with_its_place(self, vessel_file, pattern, key, value):
         line = re.search(f"{pattern}(.*)$", CONTAINER.read_text(), flags=re.MULTILINE)
-        kept = line[0].removesuffix(line[1])
+        before = line[0].removesuffix(line[1])
         rest = line[1][line[1].index(",") :] if pattern.count("{") == 1 else ""
         rest = " } }" if pattern.count("{") == 2 else rest
-        message = error_of(vessel_file(re.escape(line[0]), f"{kept}{value}{rest}"))
+        message = error_of(vessel_file(re.escape(line[0]), f"{before}{value}{rest}"))
         assert f"{key} must be a finite number" in message
 
     @pytest.mark.parametrize("term", ["Yw", "Yv|v", "Y", "Yvbeta", '"Yv v"'])

@@ -11,7 +11,7 @@ from pymc_ship.physics.vessel.vessel import reference_coefficients
 from tests.physics.vessel.mutations import ROOT, mutated
 
 LONGEST = 320
-"""Signs of the longest sentence, beside the path."""
+"""Characters of the longest sentence, without the path."""
 
 
 def outcome(path, content):
@@ -35,13 +35,13 @@ def outcome(path, content):
 @pytest.mark.filterwarnings("error")
 def test_every_mutated_file_ends_in_a_ship_or_in_one_sentence(tmp_path):
     rng = np.random.default_rng(12)
-    found = [outcome(tmp_path / "mine.toml", mutated(rng)) for _ in range(400)]
-    assert 40 < found.count("ship") < 360
-    assert len(set(found)) > 80
+    outcomes = [outcome(tmp_path / "mine.toml", mutated(rng)) for _ in range(400)]
+    assert 40 < outcomes.count("ship") < 360
+    assert len(set(outcomes)) > 80
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "words"),
     [
         ('name = "é"'.encode("utf-16"), "it is UTF-16 text; save it as UTF-8"),
         ('name = "é"'.encode("utf-16-le"), "it is UTF-16 text or no text, line 1"),
@@ -59,8 +59,8 @@ def test_every_mutated_file_ends_in_a_ship_or_in_one_sentence(tmp_path):
         (b'name = ""\n[particulars]', "name must be one line of 1 to 60 characters, found ''"),
     ],
 )
-def test_files_that_are_odd_as_a_whole_are_named_as_such(tmp_path, content, said):
-    assert said in outcome(tmp_path / "mine.toml", content)
+def test_files_that_are_odd_as_a_whole_are_named_as_such(tmp_path, content, words):
+    assert words in outcome(tmp_path / "mine.toml", content)
 
 
 def test_a_byte_order_mark_and_line_ends_of_windows_are_read(tmp_path):

@@ -1,4 +1,4 @@
-"""Term sets: names that can be read, a propeller where they need one, values kept where the vessel has them."""
+"""Term sets: names that can be read, a propeller where they need one, unchanged values where the vessel has them."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ def test_shared_coefficients_stay_and_others_are_zero(name):
     vessel = with_terms(tanker(), name)
     assert vessel.terms("surge") == TERM_SETS[name].surge
     assert vessel.terms("sway") == vessel.terms("yaw") == TERM_SETS[name].lateral
-    found = {c.name: c for force in vessel.forces.values() for c in force}
-    shared = own.keys() & found.keys()
+    coefficients = {c.name: c for force in vessel.forces.values() for c in force}
+    shared = own.keys() & coefficients.keys()
     assert len(shared) >= 9
-    assert all(found[coefficient] is own[coefficient] for coefficient in shared)
-    others = [found[coefficient] for coefficient in found.keys() - shared]
+    assert all(coefficients[coefficient] is own[coefficient] for coefficient in shared)
+    others = [coefficients[coefficient] for coefficient in coefficients.keys() - shared]
     assert all(c.value == 0.0 and math.isnan(c.sd) and not c.source for c in others)
     assert bool(others) == (name != TRUE_TERMS)
 
@@ -97,8 +97,8 @@ def test_a_vessel_with_a_set_sails_in_three_degrees_of_freedom(ship, name):
 
 
 @pytest.mark.parametrize("stated", [(), ("surge",)])
-def test_a_ship_to_be_identified_has_the_sets_but_no_terms_of_her_own(container, stated):
-    """Whatever her file states of single forces."""
+def test_a_ship_to_be_identified_has_the_sets_but_no_own_terms(container, stated):
+    """Even if its file has coefficients of some forces."""
     forces = {dof: container.forces[dof] if dof in stated else () for dof in ("surge", "sway", "yaw")}
     vessel = replace(container, forces=forces)
     assert term_sets(vessel) == PLAIN

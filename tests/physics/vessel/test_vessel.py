@@ -32,12 +32,12 @@ class TestContainer:
 
     @pytest.mark.parametrize("dof", DOFS)
     def test_coefficients_are_those_of_the_print_in_its_order(self, container, dof):
-        found = container.coefficients(dof)
-        assert found["coefficient"].values.tolist() == [LETTER[dof] + row["term"] for row in FORCES[dof]]
-        assert found["term"].values.tolist() == [row["term"] for row in FORCES[dof]]
-        assert found["sign_source"].values.tolist() == [row["sign_source"] for row in FORCES[dof]]
+        reference = container.coefficients(dof)
+        assert reference["coefficient"].values.tolist() == [LETTER[dof] + row["term"] for row in FORCES[dof]]
+        assert reference["term"].values.tolist() == [row["term"] for row in FORCES[dof]]
+        assert reference["sign_source"].values.tolist() == [row["sign_source"] for row in FORCES[dof]]
         expected = [signed(row, "rpmm_magnitude_1e5") for row in FORCES[dof]]
-        np.testing.assert_allclose(found.values, expected, rtol=1e-15)
+        np.testing.assert_allclose(reference.values, expected, rtol=1e-15)
 
     def test_acceleration_derivatives_are_those_of_the_print_in_its_order(self, container):
         table = tomllib.loads(CONTAINER.read_text())["added_mass"]

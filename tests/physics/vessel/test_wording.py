@@ -31,8 +31,8 @@ test_vessel_errors = wording(
         lambda: with_hull_database(replace(tanker(), particulars=replace(tanker().particulars, d=0.0))),
     ),
     *(
-        (said, partial(loaded, text=particulars_toml(*ship)))
-        for ship, said in [
+        (sentence, partial(loaded, text=particulars_toml(*ship)))
+        for ship, sentence in [
             ((320.0, 58.0, 0.0, 312622.0, 7.97), "lacks Xudot, Yvdot, Nrdot. .* need the draught d, found none; add d"),
             ((40.0, 4.0, 1.8, 130.0, 6.0), "no hull with L/B = 10, B/d = 2.22 and a block coefficient of 0.451"),
         ]

@@ -244,9 +244,9 @@ def _coefficient(name: str, entry: Entry, dof: str, source: str) -> Coefficient:
     except UnknownTerm as error:
         entry.fail(f"must name a coefficient. {error}")
     estimates = ("published", "published_error")
-    coefficient = Coefficient(name, **_value_and_details(entry, estimates))
-    published = {key: _estimates(_details(entry).at(key, {})) for key in estimates}
-    return replace(coefficient, source=coefficient.source or source, **published)
+    numbers = _value_and_details(entry, estimates)
+    numbers["source"] = numbers["source"] or source
+    return Coefficient(name, **numbers, **{key: _estimates(_details(entry).at(key, {})) for key in estimates})
 
 
 def _estimates(table: Entry) -> dict[str, float]:
