@@ -238,7 +238,7 @@ class TestWords:
         shown = capsys.readouterr().out
         assert "rudder kick 20/40 port: 8 draws" in shown
         assert ("time to midships" in shown) == bool(kind.indices)
-        assert "has no motion of the runs it was fitted to.\n" in shown
+        assert "the posterior does not store the motion of its training runs.\n" in shown
         tables = sorted(path.name for path in (tmp_path / "page").glob("tables/*.csv"))
         indices = ["forecast_rudder_kick_20_40_port.csv"] if kind.indices else []
         assert tables == [*indices, "forecast_rudder_kick_20_40_port_bands.csv"]

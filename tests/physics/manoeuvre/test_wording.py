@@ -116,7 +116,7 @@ test_manoeuvre_errors = wording(
     (r"one of starboard, port; found 'left'", lambda: ps.zigzag(20.0, 20.0, side="left")),
     (r"one of starboard, port; found 'left'", lambda: ps.turning_circle(20.0, side="left")),
     *(
-        ("approach_speed must be positive and finite, found", partial(constructor, approach_speed=speed))
+        ("approach speed must be positive and finite, found", partial(constructor, approach_speed=speed))
         for constructor in [
             partial(ps.zigzag, 20, 20),
             partial(ps.turning_circle, 20),

@@ -267,7 +267,9 @@ def rudder_programme(
 def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angles: float) -> None:
     check_choice("The side", side, SIDES, SimulationError)
     if approach_speed is not None and not 0.0 < approach_speed < np.inf:
-        raise SimulationError(f"approach_speed must be positive and finite, found {approach_speed} m/s; correct it.")
+        raise SimulationError(
+            f"The approach speed must be positive and finite, found {approach_speed} m/s; correct it."
+        )
     for name, angle in angles.items():
         most = widest if name == "heading_deg" else 90.0
         if not 0.0 < angle < most:

@@ -243,10 +243,11 @@ def _coefficient(name: str, entry: Entry, dof: str, source: str) -> Coefficient:
         factors(name[1:])
     except UnknownTerm as error:
         entry.fail(f"must name a coefficient. {error}")
-    estimates = ("published", "published_error")
-    numbers = _value_and_details(entry, estimates)
+    numbers = _value_and_details(entry, ("published", "published_error"))
     numbers["source"] = numbers["source"] or source
-    return Coefficient(name, **numbers, **{key: _estimates(_details(entry).at(key, {})) for key in estimates})
+    for key in ("published", "published_error"):
+        numbers[key] = _estimates(_details(entry).at(key, {}))
+    return Coefficient(name, **numbers)
 
 
 def _estimates(table: Entry) -> dict[str, float]:
