@@ -54,7 +54,7 @@ def recognise(helm):
         return None
     back = np.flatnonzero(np.abs(delta) > 0.99 * abs(angle))[-1]
     heading = psi[back] - psi[0]
-    return (helm.ordered(np.rad2deg(abs(angle))), round(abs(heading))), "starboard" if heading > 0.0 else "port"
+    return (helm.ordered_angle(np.rad2deg(abs(angle))), round(abs(heading))), "starboard" if heading > 0.0 else "port"
 
 
 RUDDER_KICK = ManoeuvreKind(

@@ -55,7 +55,7 @@ def _binary(operation: int) -> Callable[[Expression, Expression | float], Expres
     return lambda left, right: left.trace.record(operation, left, right)
 
 
-def _reflected(operation: int) -> Callable[[Expression, Expression | float], Expression]:
+def _reflected_binary(operation: int) -> Callable[[Expression, Expression | float], Expression]:
     return lambda right, left: right.trace.record(operation, left, right)
 
 
@@ -69,8 +69,8 @@ class Expression:
 
     __add__ = __radd__ = _binary(ADD)
     __mul__ = __rmul__ = _binary(MULTIPLY)
-    __sub__, __rsub__ = _binary(SUBTRACT), _reflected(SUBTRACT)
-    __truediv__, __rtruediv__ = _binary(DIVIDE), _reflected(DIVIDE)
+    __sub__, __rsub__ = _binary(SUBTRACT), _reflected_binary(SUBTRACT)
+    __truediv__, __rtruediv__ = _binary(DIVIDE), _reflected_binary(DIVIDE)
     __abs__ = _unary(ABSOLUTE)
 
     def __neg__(self) -> Expression:

@@ -48,7 +48,7 @@ class Record:
         if not crossed.size:
             return np.nan
         if crossed.size > 1:
-            turned = self._turned(int(crossed[0]), sign)
+            turned = self._turning_interval(int(crossed[0]), sign)
             crossed = crossed[: max(int(np.searchsorted(crossed, turned)), 1)]
         k = int(crossed[(crossed.size - 1) // 2])
         return self._root(k, lambda a: (a[0] - sign * level, *a[1:]), after)
@@ -56,7 +56,7 @@ class Record:
     def peak(self, after: float) -> float:
         """First time after ``after`` at which the heading turns back (largest integral of the yaw rate), or NaN."""
         k0 = max(int(np.searchsorted(self.time, after, side="right")) - 1, 0)
-        k = self._turned(k0, np.sign(self.psi_dot[k0 : k0 + 2].sum()))
+        k = self._turning_interval(k0, np.sign(self.psi_dot[k0 : k0 + 2].sum()))
         if k >= self.time.size - 1:
             return np.nan
         return self._root(k, lambda a: (a[1], 2.0 * a[2], 3.0 * a[3]), after)
@@ -95,7 +95,7 @@ class Record:
             drift=abs(np.arctan2(v, u).mean()),
         )
 
-    def _turned(self, begin: int, sign: float) -> int:
+    def _turning_interval(self, begin: int, sign: float) -> int:
         """Begin of the interval after a sample in which the heading turns back from ``sign``, or the last sample."""
         rate = sign * self.psi_dot[begin:]
         turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(self.time[begin:]))])

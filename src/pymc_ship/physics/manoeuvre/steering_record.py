@@ -65,7 +65,7 @@ class SteeringRecord:
     delay: float
 
     @cached_property
-    def turned(self) -> float:
+    def heading_change_deg(self) -> float:
         """Change of heading from the first execute to the end of the last fixed rudder [deg], positive to starboard."""
         return float(np.rad2deg(heading_change(self.trial)[is_manoeuvre(self.trial)][-1]))
 
@@ -78,7 +78,7 @@ class SteeringRecord:
     @cached_property
     def reversed_angle(self) -> int:
         """Rudder angle [deg] of a zigzag, as ordered."""
-        return self.ordered(np.rad2deg(zigzag_rudder_angle(self.trial["delta"].values[is_manoeuvre(self.trial)])))
+        return self.ordered_angle(np.rad2deg(zigzag_rudder_angle(self.trial["delta"].values[is_manoeuvre(self.trial)])))
 
     @cached_property
     def switching_heading(self) -> int:
@@ -87,7 +87,7 @@ class SteeringRecord:
         return whole_heading(headings)
 
     @staticmethod
-    def ordered(angle: float) -> int:
+    def ordered_angle(angle: float) -> int:
         """Ordered rudder angle [deg]: a multiple of 5 within 1 deg, or else the nearest whole number."""
         five = 5 * round(angle / 5.0)
         return five if abs(angle - five) < _ORDERED and five else round(angle)
@@ -270,5 +270,5 @@ def steering_text(trial: xr.Dataset) -> str:
     if fraction <= _ONE_SIDE:
         first = np.rad2deg(manoeuvre_rudder_angle(trial["delta"].values))
         return f"the rudder is put over to {first:.3g} deg, but not fixed at one angle or at two opposite angles"
-    turned = SteeringRecord(trial, (), np.nan).turned
+    turned = SteeringRecord(trial, (), np.nan).heading_change_deg
     return f"the rudder is fixed at {angle:.3g} deg while the heading changes by {turned:.0f} deg"

@@ -198,9 +198,11 @@ def simulate(
     speed = float(manoeuvre.approach_speed or vessel.particulars.nominal_speed)
     start = Start(_initial_state(initial_state, speed), steady_inputs(vessel, speed, n=n, wind=wind, current=current))
     if method == "dop853":
-        out, diverged_at = _controlled(vessel, manoeuvre, draws, time, start, tolerance)
+        out, diverged_at = _simulate_with_error_control(vessel, manoeuvre, draws, time, start, tolerance)
     else:
-        out, diverged_at = _stepped(vessel, manoeuvre, draws, integration(method, step, stride), n_steps, start)
+        out, diverged_at = _simulate_in_steps(
+            vessel, manoeuvre, draws, integration(method, step, stride), n_steps, start
+        )
     for row, drift in zip(out[-3:-1], velocity(current), strict=True):
         row += drift * time
     attrs = {
@@ -217,7 +219,7 @@ def simulate(
     return _dataset(out, time, diverged_at, attrs, coefficients is None)
 
 
-def _stepped(
+def _simulate_in_steps(
     vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, steps: Integration, n_steps: int, start: Start
 ) -> tuple[np.ndarray, np.ndarray]:
     """Samples (9, n_draws, n_saved) of ships side by side by steps of one length, and when each diverged [s]."""
@@ -234,7 +236,7 @@ def _stepped(
     return out, np.where(diverged >= 0, diverged * steps.step, np.nan)
 
 
-def _controlled(
+def _simulate_with_error_control(
     vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, time: np.ndarray, start: Start, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same with controlled error, one draw after the other."""
