@@ -32,9 +32,9 @@ def _added_mass(ship: Ship) -> tuple[Parameter, ...]:
 
 ADDED_MASS = Part("added mass", "added masses and moments of inertia", _added_mass, no_force, "added mass")
 
-PARTS = {
-    part.name: part for part in (ADDED_MASS, MANOEUVRING, LOW_SPEED, PROPELLER, RUDDER, ROLL, WIND, CURRENT, CONSTANT)
-}
+_PARTS = (ADDED_MASS, MANOEUVRING, LOW_SPEED, PROPELLER, RUDDER, ROLL, WIND, CURRENT, CONSTANT)
+
+PARTS = {part.name: part for part in _PARTS}
 """Parts by name, in the order of evaluation: the rudder needs the slipstream of the propeller."""
 
 MODULAR = ("added mass", "propeller", "rudder")  # roles that a model without polynomial terms needs besides a hull

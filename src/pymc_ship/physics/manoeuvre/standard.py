@@ -255,9 +255,8 @@ def rudder_programme(
     time, delta = np.array(time, dtype=float), np.array(delta, dtype=float)
     _check("port", approach_speed)
     if time.ndim != 1 or time.shape != delta.shape or not time.size:
-        raise SimulationError(
-            f"A programme has one angle for each time, found shapes {time.shape} and {delta.shape}; match them."
-        )
+        shapes = f"{time.shape} and {delta.shape}"
+        raise SimulationError(f"A programme has one angle for each time, found shapes {shapes}; match them.")
     if not (np.isfinite(time).all() and np.isfinite(delta).all()) or (np.diff(time) <= 0).any():
         raise SimulationError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
     programme = Manoeuvre("rudder_programme", approach_speed=approach_speed, rate_limited=rate_limited)

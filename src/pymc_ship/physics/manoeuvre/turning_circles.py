@@ -50,11 +50,10 @@ def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
 
 def _recognise(steering: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
     """Rudder angle and side of a turn of more than 120 deg with a fixed rudder."""
-    if abs(steering.fixed_rudder_deg) <= _LEAST_RUDDER or abs(steering.heading_change_deg) <= _FULL_TURN:
+    angle, turned = steering.fixed_rudder_deg, steering.heading_change_deg
+    if abs(angle) <= _LEAST_RUDDER or abs(turned) <= _FULL_TURN:
         return None
-    return (
-        steering.ordered_angle(abs(steering.fixed_rudder_deg)),
-    ), "starboard" if steering.heading_change_deg > 0.0 else "port"
+    return (steering.ordered_angle(abs(angle)),), "starboard" if turned > 0.0 else "port"
 
 
 TURNING_CIRCLE = ManoeuvreKind(
@@ -118,10 +117,8 @@ def _recognise_pull_out(steering: SteeringRecord) -> tuple[tuple[float, ...], st
     lasts = time[-1] - end >= _AFTER * (end - first_execute(steering.trial))
     if not lasts or not after.size or np.quantile(np.abs(after), 0.9) > _AMIDSHIPS * abs(angle):
         return None
-    return (
-        steering.ordered_angle(abs(angle)),
-        5 * max(round(abs(turned) / 5.0), 1),
-    ), "starboard" if turned > 0.0 else "port"
+    heading = 5 * max(round(abs(turned) / 5.0), 1)
+    return (steering.ordered_angle(abs(angle)), heading), "starboard" if turned > 0.0 else "port"
 
 
 PULL_OUT = ManoeuvreKind(

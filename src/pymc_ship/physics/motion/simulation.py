@@ -200,9 +200,8 @@ def simulate(
     if method == "dop853":
         out, diverged_at = _simulate_with_error_control(vessel, manoeuvre, draws, time, start, tolerance)
     else:
-        out, diverged_at = _simulate_in_steps(
-            vessel, manoeuvre, draws, integration(method, step, stride), n_steps, start
-        )
+        steps = integration(method, step, stride)
+        out, diverged_at = _simulate_in_steps(vessel, manoeuvre, draws, steps, n_steps, start)
     for row, drift in zip(out[-3:-1], velocity(current), strict=True):
         row += drift * time
     attrs = {
@@ -256,9 +255,8 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
     ratio = 1.0 if record_interval is None else record_interval / step
     stride = round(ratio) if 0.0 < ratio < np.inf else 0
     if stride < 1 or abs(ratio - stride) > 1e-9 * ratio:
-        raise SimulationError(
-            f"The record interval is a multiple of the step, found {record_interval} s at {step} s; adjust it."
-        )
+        pair = f"{record_interval} s at {step} s"
+        raise SimulationError(f"The record interval is a multiple of the step, found {pair}; adjust it.")
     return round(duration / step), stride
 
 
@@ -275,9 +273,8 @@ def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:
     """State at time 0, (8,)."""
     initial = np.asarray([speed, *[0.0] * (STATE_ROWS - 1)] if given is None else given, dtype=float)
     if initial.shape != (STATE_ROWS,) or not np.isfinite(initial).all():
-        raise SimulationError(
-            f"An initial state has 8 numbers, u, v, r, p, phi, psi, x and y, found {initial.tolist()}; correct it."
-        )
+        names = "u, v, r, p, phi, psi, x and y"
+        raise SimulationError(f"An initial state has 8 numbers, {names}, found {initial.tolist()}; correct it.")
     return initial
 
 

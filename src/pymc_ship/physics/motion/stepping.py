@@ -17,10 +17,8 @@ STATE_ROWS, N_INPUTS = len(STATE), len(INPUTS)
 
 STEPS, RECORDED = 240, 4  # integration steps per L/U and per sample of simulation_settings
 LANES = 16  # draws integrated by one kernel call
-_STAGES = {
-    "euler": np.array([[0.0, 1.0]]),
-    "rk4": np.column_stack([[0.0, 0.5, 0.5, 1.0], np.array([1.0, 2.0, 2.0, 1.0]) / 6.0]),
-}
+_RK4 = np.column_stack([[0.0, 0.5, 0.5, 1.0], np.array([1.0, 2.0, 2.0, 1.0]) / 6.0])
+_STAGES = {"euler": np.array([[0.0, 1.0]]), "rk4": _RK4}
 
 
 class Integration(NamedTuple):

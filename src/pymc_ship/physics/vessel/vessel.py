@@ -169,9 +169,8 @@ class Vessel:
         for dof, row in values.items():
             force = self._force(dof)
             if len(row) != len(force):
-                raise VesselError(
-                    f"{dof} of {self.name!r} has {len(force)} coefficients, found {len(row)} values; give one for each."
-                )
+                known = f"{dof} of {self.name!r} has {len(force)} coefficients"
+                raise VesselError(f"{known}, found {len(row)} values; give one for each.")
             forces[dof] = tuple(replace(c, value=float(value)) for c, value in zip(force, row, strict=True))
         return replace(self, forces=forces)
 
