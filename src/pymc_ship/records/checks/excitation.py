@@ -15,30 +15,20 @@ from pymc_ship.records.checks.verdicts import (
     Check,
     ShipScale,
     least_squares,
-    needed,
+    missing_channels_text,
     not_checked,
     straight_approach,
 )
 from pymc_ship.trial.record import sampling_interval
 
-STRAIGHT = 0.1
-"""Mean of r, v or phi on the approach over the channel's largest magnitude; IMO asks for a steady course."""
-
-UPRIGHT = 0.5
-"""Heel [deg] up to which an approach is upright, however little the ship rolls later."""
-
-STEADY = 0.01
-"""Change of speed in L/U over the speed on the approach; IMO asks for a steady speed."""
-
-DRIFT_RANGE, TURN_RANGE, RUDDER_RANGE = 0.05, 0.15, 5.0
-"""Least v/U, rL/U and rudder angle [deg]: a 10/10 zigzag reaches 0.1, 0.2 to 0.4 and 10."""
-
-ABOVE_NOISE = 2.0
-"""Signal over noise of a direction of the design from which it counts as excited."""
-
-_BLOCK = 0.1  # share of L/U
+STRAIGHT = 0.1  # mean of r, v or phi on the approach over the channel's largest magnitude; IMO asks for a steady course
+UPRIGHT = 0.5  # heel [deg] up to which an approach is upright, however little the ship rolls later
+STEADY = 0.01  # change of speed in L/U over the speed on the approach; IMO asks for a steady speed
+DRIFT_RANGE, TURN_RANGE, RUDDER_RANGE = 0.05, 0.15, 5.0  # least v/U, rL/U, rudder [deg]; a 10/10 zigzag has twice them
+ABOVE_NOISE = 2.0  # signal over noise of a direction of the design from which it counts as excited
+_BLOCK = 0.1  # L/U
 _IDLE = 1e-12
-_STOPPED = 0.01  # share of the nominal speed
+_STOPPED = 0.01  # fraction of the nominal speed
 
 
 def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
@@ -54,13 +44,13 @@ def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         if largest > 0.0:
             ratio = float(values[:n].mean() / largest)
             numbers.append((f"{name} over its largest", ratio, ""))
-            least = max(STRAIGHT, SIGNIFICANT * _sd(values) / np.sqrt(n) / largest)
+            sd = float(np.median(np.abs(np.diff(values))) / 0.954)
+            least = max(STRAIGHT, SIGNIFICANT * sd / np.sqrt(n) / largest)
             if abs(ratio) > least and (name != "phi" or abs(ratio) * largest > np.deg2rad(UPRIGHT)):
                 faults.append(f"{name} is {ratio:+.0%} of its largest")
     if "u" in trial:
-        trend_numbers, faults_of_speed = _speed_trend(trial, n, scale)
-        numbers += trend_numbers
-        faults += faults_of_speed
+        numbers_of_speed, faults_of_speed = _speed_trend(trial, n, scale)
+        numbers, faults = numbers + numbers_of_speed, faults + faults_of_speed
     if faults:
         text = f"On the approach {', '.join(faults)}; indices count from a straight course, a fit may start there."
         return Check("approach", "doubtful", text, tuple(numbers))
@@ -74,24 +64,18 @@ def _speed_trend(trial: xr.Dataset, n: int, scale: ShipScale) -> tuple[list[tupl
         return [], []
     (trend, _), (error, _), _ = least_squares([time - time.mean(), np.ones(n)], u)
     change = float(trend * scale.time / scale.U)
-    faults_of_speed = abs(change) > STEADY and abs(trend) > SIGNIFICANT * error
-    return [("change of speed in L/U", change, "")], [
-        f"the speed changes by {change:+.1%} in L/U"
-    ] if faults_of_speed else []
-
-
-def _sd(values: np.ndarray) -> float:
-    return float(np.median(np.abs(np.diff(values))) / 0.954)
+    changes = abs(change) > STEADY and abs(trend) > SIGNIFICANT * error
+    faults = [f"the speed changes by {change:+.1%} in L/U"] if changes else []
+    return [("change of speed in L/U", change, "")], faults
 
 
 def range_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Ranges of v/U, rL/U, rudder and speed."""
-    if reason := needed(trial, ("u", "v", "r", "delta")):
+    if reason := missing_channels_text(trial, ("u", "v", "r", "delta")):
         return not_checked("ranges", reason)
     U = np.maximum(np.hypot(trial["u"].values, trial["v"].values), 1e-3 * scale.U)
-    drift, turn = (
-        float(np.quantile(np.abs(values), 0.99)) for values in (trial["v"].values / U, trial["r"].values * scale.L / U)
-    )
+    ratios = trial["v"].values / U, trial["r"].values * scale.L / U
+    drift, turn = (float(np.quantile(np.abs(values), 0.99)) for values in ratios)
     rudder = float(np.rad2deg(np.abs(trial["delta"].values).max()))
     loss = float(np.ptp(np.quantile(U, [0.01, 0.99])) / scale.U)
     numbers = (("v/U", drift, ""), ("rL/U", turn, ""), ("delta", rudder, "deg"), ("range of U", loss, "U"))
@@ -106,8 +90,7 @@ def range_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 def excitation_checks(trial: xr.Dataset, vessel: Vessel | None) -> tuple[Check, ...]:
     """Condition number of the design of each degree of freedom, and its directions above the noise.
 
-    The terms are averaged over blocks of a tenth of L/U and scaled to unit mean square; their noise is that of second
-    differences in time. A singular direction counts where its signal is :data:`ABOVE_NOISE` times its noise.
+    Terms are means over a tenth of L/U, scaled to unit mean square; their noise is that of second differences in time.
     """
     if vessel is None:
         return (not_checked("excitation", "no vessel whose terms could be tried"),)
@@ -147,11 +130,11 @@ def _excitation(dof: str, terms: tuple[str, ...], columns: np.ndarray, size: int
     count = int(np.count_nonzero(above_noise))
     numbers = (("condition number", condition, ""), ("directions above noise", float(count), f"of {len(terms)}"))
     if above_noise.all():
-        text = f"All {len(terms)} directions stand above the noise; condition number {condition:.3g}."
+        text = f"All {len(terms)} directions are above the noise; condition number {condition:.3g}."
         return Check(name, "good", text, numbers)
     lost = np.sqrt(np.sum(directions[~above_noise] ** 2, axis=0))
     weak = ", ".join(LETTER[dof] + terms[j] for j in np.argsort(-lost)[:3])
     text = (
-        f"{count} of {len(terms)} directions stand above the noise; least of all {weak}: use a prior, fewer terms or "
+        f"{count} of {len(terms)} directions are above the noise, {weak} least; use a prior, fewer terms, harder runs."
     )
-    return Check(name, "bad" if count < 0.25 * len(terms) else "doubtful", f"{text}harder runs.", numbers)
+    return Check(name, "bad" if count < 0.25 * len(terms) else "doubtful", text, numbers)

@@ -1,7 +1,6 @@
 """Kinematic closure of a trial, psi_dot = r cos phi and phi_dot = p, and the length of the track against the speed.
 
-Both sides are integrated and averaged over blocks; their increments from block to block, close to independent, are
-regressed on each other.
+Both sides are integrated and averaged over blocks; their increments between blocks are regressed on each other.
 """
 
 from __future__ import annotations
@@ -14,31 +13,22 @@ from pymc_ship.records.checks.verdicts import (
     SLOW,
     Blocks,
     Check,
+    Numbers,
     ShipScale,
     integral,
     least_squares,
     longest_piece,
-    needed,
+    missing_channels_text,
     not_checked,
     ship_blocks,
 )
 from pymc_ship.trial.record import sampling_interval
 
-SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1
-"""Scale error of a rate from which it is doubtful, and from which it is bad."""
-
-SWAPPED = 0.5
-"""Largest residual, as fraction of the changes of a rate, from which two columns count as swapped."""
-
-SPEED_BAD = 0.2
-"""Scale error of the speed from which it is bad: larger than by a current or a log."""
-
-HEADING_DRIFT = 0.2
-"""Drift of the heading [deg] in five L/U from which a gyro offset matters."""
-
-YAW_BLOCK = 0.25
-"""Averaging time of yaw and track, in L/U."""
-
+SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1  # scale error of a rate from which it is doubtful, and from which it is bad
+SWAPPED = 0.5  # largest residual, as fraction of the changes of a rate, from which two columns count as swapped
+SPEED_BAD = 0.2  # scale error of the speed from which it is bad: larger than by a current or a log
+HEADING_DRIFT = 0.2  # drift of the heading [deg] in five L/U from which a gyro offset matters
+YAW_BLOCK = 0.25  # averaging time of yaw and track, in L/U
 FACTORS = {
     0.514444: "knots taken for m/s",
     1.0 / 3.6: "km/h taken for m/s",
@@ -52,16 +42,14 @@ FACTORS = {
 
 _RATE_CHECKS = {"r": ("yaw rate", "gyro offset"), "p": ("roll rate", "roll rate offset")}
 _DEGREE = 180.0 / np.pi
-_ROLL_BLOCK = 0.05  # share of L/U
+_ROLL_BLOCK = 0.05  # L/U
 _LOG_WIDTH = 0.05  # a ratio this near to a known factor is that factor
 
 
 def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> tuple[Check, Check]:
     """Checks of scale and sign, and of the offset [deg/s], of r against psi or of p against phi."""
     name, offset_name = _RATE_CHECKS[rate]
-    missing = [channel for channel in (rate, angle) if channel not in trial]
-    if missing:
-        reason = f"no {' and no '.join(missing)} in the record"
+    if reason := missing_channels_text(trial, (rate, angle)):
         return not_checked(name, reason), not_checked(offset_name, reason)
     blocks = ship_blocks(trial, scale, YAW_BLOCK if rate == "r" else _ROLL_BLOCK)
     turning = trial[rate].values * (np.cos(heel(trial)) if rate == "r" else 1.0)
@@ -69,14 +57,14 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
     measured, time = blocks.increments(trial[angle].values), blocks.increments(trial["time"].values)
     check = _rate_scale(rate, angle, *_slope(predicted, time, measured))
     if check.verdict in ("bad", "not checked"):
-        check = _swapped(trial, blocks, time, rate, angle) or check
+        check = _swap_check(trial, blocks, time, rate, angle) or check
         return check, not_checked(offset_name, f"the integral of the {name} does not match {angle}")
     drift = (predicted - measured) / time
     error = drift.std(ddof=1) / np.sqrt(drift.size) + 0.1 * SCALE_DOUBTFUL * abs(turning.mean())
     return check, _rate_offset(rate, angle, drift.mean(), error, scale)
 
 
-def _swapped(trial: xr.Dataset, blocks: Blocks, time: np.ndarray, rate: str, angle: str) -> Check | None:
+def _swap_check(trial: xr.Dataset, blocks: Blocks, time: np.ndarray, rate: str, angle: str) -> Check | None:
     """Check of swapped columns of a rate and its angle; None if they are not swapped."""
     predicted = blocks.increments(integral(trial[angle].values, sampling_interval(trial)))
     slope, error, left, size = _slope(predicted, time, blocks.increments(trial[rate].values))
@@ -112,24 +100,19 @@ def _rate_scale(rate: str, angle: str, slope: float, error: float, left: float, 
         culprit, unit = (angle, "deg") if slope > 1.0 else (rate, "deg/s")
         text = f"The change of {angle} is {slope:.4g} times the integral of {rate}: {culprit} is in {unit}; convert it."
         return Check(name, "bad", text, numbers)
-    off, certain = abs(slope - 1.0), abs(slope - 1.0) > SIGNIFICANT * error
-    if certain and off > SCALE_BAD:
-        text = f"The change of {angle} is {slope:.4g} times the integral of {rate}; check units and calibration."
-        return Check(name, "bad", text, numbers)
-    if certain and off > SCALE_DOUBTFUL:
-        text = f"The change of {angle} is {slope:.4g} times the integral of {rate}; check the calibration."
-        return Check(name, "doubtful", text, numbers)
+    off = abs(slope - 1.0)
+    if off > SIGNIFICANT * error and off > SCALE_DOUBTFUL:
+        verdict, cause = ("bad", "units and calibration") if off > SCALE_BAD else ("doubtful", "the calibration")
+        text = f"The change of {angle} is {slope:.4g} times the integral of {rate}; check {cause}."
+        return Check(name, verdict, text, numbers)
     return Check(name, "good", f"The integral of {rate} matches {angle} with a scale of {slope:.4g}.", numbers)
 
 
 def _rate_offset(rate: str, angle: str, offset: float, error: float, scale: ShipScale) -> Check:
     _, name = _RATE_CHECKS[rate]
     degrees, drift = np.rad2deg(offset), abs(np.rad2deg(offset)) * 5.0 * scale.time
-    numbers = (
-        ("offset", float(degrees), "deg/s"),
-        ("standard error", float(np.rad2deg(error)), "deg/s"),
-        ("drift in 5 L/U", float(drift), "deg"),
-    )
+    numbers: Numbers = (("offset", float(degrees), "deg/s"), ("standard error", float(np.rad2deg(error)), "deg/s"))
+    numbers += (("drift in 5 L/U", float(drift), "deg"),)
     if abs(offset) > SIGNIFICANT * error and drift > HEADING_DRIFT:
         text = f"{rate} has an offset of {degrees:+.4f} deg/s against {angle}, {drift:.2g} deg in 5 L/U; subtract it."
         return Check(name, "doubtful", text, numbers, mendable=True)
@@ -143,7 +126,7 @@ def heel(trial: xr.Dataset) -> np.ndarray:
 
 def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Heading against the course over ground: psi in deg or another frame (both r and psi may be wrong alike)."""
-    if reason := needed(trial, ("x", "y", "psi")):
+    if reason := missing_channels_text(trial, ("x", "y", "psi")):
         return not_checked("heading", reason)
     blocks = ship_blocks(trial, scale, YAW_BLOCK)
     course = np.arctan2(*(blocks.increments(trial[name].values) for name in ("y", "x")))
@@ -171,7 +154,7 @@ def _under_way(trial: xr.Dataset, blocks: Blocks) -> slice:
 
 def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Speed over ground of the track over that of u and v: units, calibration, current."""
-    if reason := needed(trial, ("x", "y", "u", "v")):
+    if reason := missing_channels_text(trial, ("x", "y", "u", "v")):
         return not_checked("speed", reason)
     blocks, interval = ship_blocks(trial, scale, YAW_BLOCK), sampling_interval(trial)
     distance = np.hypot(*(blocks.increments(trial[name].values) for name in ("x", "y"))).sum()

@@ -1,7 +1,4 @@
-"""Lag of measured velocities behind the measured track, distinguished from a lever arm, and its correction.
-
-Either u and v are late as a whole, or earth-fixed velocities are late and were turned by the present heading.
-"""
+"""Lag of measured velocities behind the measured track, distinguished from a lever arm, and its correction."""
 
 from __future__ import annotations
 
@@ -20,21 +17,21 @@ from pymc_ship.records.checks.track import (
     track_blocks,
     turned_to_earth,
 )
-from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, ShipScale, least_squares, needed, not_checked
+from pymc_ship.records.checks.verdicts import (
+    SIGNIFICANT,
+    Check,
+    Numbers,
+    ShipScale,
+    least_squares,
+    missing_channels_text,
+    not_checked,
+)
 from pymc_ship.trial.record import sampling_interval
 
-LAG = 0.01
-"""Lag over L/U from which it is corrected."""
-
-LONGEST_LAG = 0.5
-"""Largest lag over L/U that is accepted as one."""
-
+LAG = 0.01  # lag over L/U from which it is corrected
+LONGEST_LAG = 0.5  # largest lag over L/U that is accepted as one
 READINGS = {"earth": "earth-fixed velocities turned by the present heading", "body": "u and v as a whole"}
-"""Kinds of lag: velocities that were rotated late, or late as a whole."""
-
-NAME = "velocity lag"
-"""Name of the check."""
-
+NAME = "velocity lag"  # name of the check
 _STEPS = 12
 _CONVERGED = 1e-4  # s
 
@@ -48,7 +45,7 @@ class VelocityLag:
     error: float
 
 
-def advanced(trial: xr.Dataset, lag: VelocityLag) -> xr.Dataset:
+def shift_velocities(trial: xr.Dataset, lag: VelocityLag) -> xr.Dataset:
     """Trial with u and v moved forward by their lag; samples at the end without a value are cut."""
     time = trial["time"].values
     if lag.kind == "earth":
@@ -63,82 +60,65 @@ def advanced(trial: xr.Dataset, lag: VelocityLag) -> xr.Dataset:
 
 
 def _later(time: np.ndarray, values: np.ndarray, seconds: float) -> np.ndarray:
-    """Values of so many seconds later; the last ones stay."""
+    """Values at times later by ``seconds``; the last ones stay."""
     return np.interp(time + seconds, time, values)
-
-
-@dataclass(frozen=True)
-class _Reading:
-    """Lag of one kind [s], its standard error [s] and what it leaves of the track [m]."""
-
-    seconds: float
-    error: float
-    misfit: float
 
 
 def _track_increments(
     trial: xr.Dataset, track: TrackBlocks, kind: str, seconds: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Increments of the track that late velocities mean, and their derivative by the lag, each (2, n_blocks - 1)."""
+    """Increments of the track from late velocities, and their derivative by the lag, each (2, n_blocks - 1)."""
     time, interval = trial["time"].values, sampling_interval(trial)
     pair = earth_velocity(trial) if kind == "earth" else (trial["u"].values, trial["v"].values)
     u, v = (_later(time, values, seconds) for values in pair)
-    u_slope, v_slope = np.gradient(u, interval), np.gradient(v, interval)
-    if kind == "earth":
-        return track.increments_of(u, v), track.increments_of(u_slope, v_slope)
-    return track.increments_of(*turned_to_earth(u, v, trial)), track.increments_of(
-        *turned_to_earth(u_slope, v_slope, trial)
-    )
+    pairs = [(u, v), (np.gradient(u, interval), np.gradient(v, interval))]
+    if kind == "body":
+        pairs = [turned_to_earth(*velocity, trial) for velocity in pairs]
+    predicted, slope = (track.increments_of(*velocity) for velocity in pairs)
+    return predicted, slope
 
 
-def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float) -> _Reading:
-    """Least-squares lag of a kind, with constant offsets of the velocity (Gauss-Newton)."""
+def _lag_fit(
+    trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float
+) -> tuple[float, float, float]:
+    """Least-squares lag of a kind [s] beside constant offsets (Gauss-Newton), its error [s] and the misfit [m]."""
     seconds = 0.0
     for _ in range(_STEPS):
         predicted, slope = _track_increments(trial, track, kind, seconds)
-        (step, *_), (error, *_), residuals = least_squares(
-            [slope.ravel(), *track.offsets], (measured - predicted).ravel()
-        )
+        columns = [slope.ravel(), *track.offsets]
+        (step, *_), (error, *_), residuals = least_squares(columns, (measured - predicted).ravel())
         seconds = float(np.clip(seconds + step, -longest, longest))
         if abs(step) < _CONVERGED:
             break
-    return _Reading(seconds, float(error), float(np.sqrt(np.mean(residuals**2))))
+    return seconds, float(error), float(np.sqrt(np.mean(residuals**2)))
 
 
 def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = None) -> Check:
-    """Lag of u and v behind the track, distinguished from a lever arm; :func:`lag_of` reads its numbers.
-
-    A ``known`` lag, that of all runs of the facility (:func:`common_lag`), takes precedence over this record's own.
-    """
-    if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
+    """Lag of u and v behind the track, distinguished from a lever arm; a ``known`` lag of all runs takes precedence."""
+    if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(NAME, reason)
     track, measured = track_blocks(trial, scale)
-    readings = {kind: _reading(trial, track, measured, kind, LONGEST_LAG * scale.time) for kind in READINGS}
+    fits = {kind: _lag_fit(trial, track, measured, kind, LONGEST_LAG * scale.time) for kind in READINGS}
     _, _, arm = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
     arm_misfit = float(np.sqrt(np.mean(arm**2)))
-    numbers = tuple(
-        number
-        for kind, reading in readings.items()
-        for number in (
-            (f"lag, {kind}", reading.seconds, "s"),
-            (f"standard error, {kind}", reading.error, "s"),
-            (f"misfit, {kind}", reading.misfit, "m"),
-        )
-    )
+    numbers: Numbers = ()
+    for kind, (seconds, error, misfit) in fits.items():
+        numbers += ((f"lag, {kind}", seconds, "s"), (f"standard error, {kind}", error, "s"))
+        numbers += ((f"misfit, {kind}", misfit, "m"),)
     numbers += (("misfit, lever arm", arm_misfit, "m"), ("interval", sampling_interval(trial), "s"))
-    numbers += (("lag over L/U", readings["earth"].seconds / scale.time, ""),)
+    numbers += (("lag over L/U", fits["earth"][0] / scale.time, ""),)
     if known:
         numbers += ((f"lag of all runs, {known.kind}", known.seconds, "s"),)
         text = f"The velocities of all runs lag the track by {known.seconds:.2g} s, {READINGS[known.kind]}; move them."
         return Check(NAME, "doubtful", text, numbers, mendable=True)
-    kind = min(readings, key=lambda name: readings[name].misfit)
-    own = readings[kind]
-    matters = abs(own.seconds) > max(LAG * scale.time, sampling_interval(trial), SIGNIFICANT * own.error)
-    if not matters or own.misfit >= arm_misfit or abs(own.seconds) >= LONGEST_LAG * scale.time:
-        text = f"The velocities do not lag the track ({own.seconds:.2g} s, error {own.error:.1g} s)."
+    kind = min(fits, key=lambda name: fits[name][2])
+    seconds, error, misfit = fits[kind]
+    matters = abs(seconds) > max(LAG * scale.time, sampling_interval(trial), SIGNIFICANT * error)
+    if not matters or misfit >= arm_misfit or abs(seconds) >= LONGEST_LAG * scale.time:
+        text = f"The velocities do not lag the track ({seconds:.2g} s, error {error:.1g} s)."
         return Check(NAME, "good", text, numbers)
     text = (
-        f"The velocities lag the track by {own.seconds:.2g} s, {READINGS[kind]}: the misfit is {own.misfit:.2g} m, "
+        f"The velocities lag the track by {seconds:.2g} s, {READINGS[kind]}: the misfit is {misfit:.2g} m, "
         f"with a lever arm {arm_misfit:.2g} m; move them."
     )
     return Check(NAME, "doubtful", text, numbers, mendable=True)
@@ -168,12 +148,7 @@ def common_lag(checked: Iterable[Sequence[Check]]) -> VelocityLag | None:
 
     The kind has the smallest product of misfits over the runs. The value is the mean of the runs, weighted by the
     inverse of the variance of each and of the scatter between them (DerSimonian & Laird 1986,
-    doi:10.1016/0197-2456(86)90046-2).
-
-    Parameters
-    ----------
-    checked : iterable of sequence of Check
-        Checks of each run, or of one, from :func:`pymc_ship.trial_checks`; others raise TrialError.
+    doi:10.1016/0197-2456(86)90046-2). ``checked`` are the :func:`pymc_ship.trial_checks` of each run, else TrialError.
     """
     every = [check for checks in checked for check in ([checks] if isinstance(checks, Check) else checks)]
     if not all(isinstance(check, Check) for check in every):

@@ -1,11 +1,11 @@
 """Whether the motion of a record is plausible for the ship, and which piece of it the models cover.
 
-The ranges have no dimension, so they hold for models and ships. Where a quantity leaves its range, known mistakes are
-tried one after the other; the one that brings all quantities back is named.
+Ranges have no dimension. Where a quantity leaves its range, the known mistake that brings all back is named.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,24 +21,17 @@ from pymc_ship.records.checks.verdicts import (
     ShipScale,
     least_squares,
     longest_piece,
-    needed,
+    missing_channels_text,
     not_checked,
     pieces,
     ship_blocks,
 )
 from pymc_ship.trial.record import sampling_interval
 
-DRIFT = 0.6
-"""Largest v/U of a ship that makes way ahead: a drift angle of 37 deg, beyond that of the tightest turns."""
-
-TURNING = 2.0
-"""Largest rL/U of a ship that makes way ahead: a circle of one ship length in diameter."""
-
-SHORTEST_PIECE = 2.5
-"""Shortest piece of a record [L/U] that can be fitted: half a window, see
-:mod:`pymc_ship.inference.trajectory.windows`."""
-
-_BLOCK = 0.25  # share of L/U
+DRIFT = 0.6  # largest v/U of a ship that makes way ahead: a drift angle of 37 deg, beyond that of the tightest turns
+TURNING = 2.0  # largest rL/U of a ship that makes way ahead: a circle of one ship length in diameter
+SHORTEST_PIECE = 2.5  # shortest piece of a record [L/U] that can be fitted: half a window of inference.trajectory
+_BLOCK = 0.25  # L/U
 _SUSPICIOUS = 3.0  # standard errors beyond a range from which a quantity is doubted
 
 
@@ -55,7 +48,7 @@ class Range:
 
 
 RANGES = {
-    "share ahead": Range(
+    "fraction ahead": Range(
         (0.25, 1.0), (0.25, 1.0), 1.0, 2.0, "the ship makes way ahead with |v|/U below 0.6 for {:.0%} of the time"
     ),
     "rL/U": Range((0.0, TURNING), (0.0, 1.2), 0.4, 2.0, "rL/U reaches {:.2g} (ships: up to 1)"),
@@ -117,7 +110,7 @@ def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
     ahead = motion.ahead
     fraction_ahead = float(ahead.sum() / max(moving.sum(), 1))
     motion_ahead = replace(motion, **{name: getattr(motion, name)[ahead] for name in ("u", "v", "r")})
-    quantities = {"share ahead": (fraction_ahead, 0.0)}
+    quantities = {"fraction ahead": (fraction_ahead, 0.0)}
     if ahead.sum() < 10:
         return quantities
     quantities["rU/g"] = (float(np.quantile(np.abs(motion_ahead.r) * motion_ahead.U, 0.99)) / GRAVITY, 0.0)
@@ -165,9 +158,8 @@ def _oddness(quantities: dict[str, tuple[float, float]]) -> float:
 
 def _mistakes(motion: _Motion) -> dict[str, _Motion]:
     """The motion with each possible mistake corrected, by the mistake."""
-    swapped = replace(motion, u=motion.v, v=motion.u)
     corrected = {
-        "u and v are swapped": swapped,
+        "u and v are swapped": replace(motion, u=motion.v, v=motion.u),
         "v has the opposite sign": replace(motion, v=-motion.v),
         "r is in deg/s": replace(motion, r=np.deg2rad(motion.r)),
         "r is in deg/min": replace(motion, r=np.deg2rad(motion.r) / 60.0),
@@ -178,9 +170,8 @@ def _mistakes(motion: _Motion) -> dict[str, _Motion]:
         corrected["phi has the opposite sign"] = replace(motion, phi=-motion.phi)
     if motion.L and motion.nominal:
         root = motion.nominal / motion.fast
-        scaled = replace(
-            motion, u=root * motion.u, v=root * motion.v, r=motion.r / root, interval=motion.interval * root
-        )
+        scaled = replace(motion, u=root * motion.u, v=root * motion.v, r=motion.r / root)
+        scaled = replace(scaled, interval=motion.interval * root)
         corrected[f"the record is at a scale of 1:{root**2:.3g} to the vessel file (Froude)"] = scaled
         corrected[_nominal(motion.fast, motion.nominal)] = replace(motion, nominal=motion.fast)
         pivot = _quantities(motion).get("pivot point", (0.0, 0.0))[0]
@@ -205,12 +196,13 @@ def _explanation(motion: _Motion) -> str:
     if not plausible:
         return "No single mistake of unit, sign, scale or column explains it."
     best = min(plausible, key=lambda mistake: _oddness(plausible[mistake]))
-    shown = [_words(name, plausible[best]) for name in ("rL/U", "pivot point", "speed") if name in plausible[best]]
-    return f"The most probable cause is that {best}" + (f": then {', '.join(shown)}." if shown else ".")
+    text = _words(("rL/U", "pivot point", "speed"), plausible[best])
+    return f"The most probable cause is that {best}" + (f": then {text}." if text else ".")
 
 
-def _words(name: str, quantities: dict[str, tuple[float, float]]) -> str:
-    return RANGES[name].words.format(quantities[name][0])
+def _words(names: Iterable[str], quantities: dict[str, tuple[float, float]], separator: str = ", ") -> str:
+    """Words on those of some quantities that the motion shows."""
+    return separator.join(RANGES[name].words.format(quantities[name][0]) for name in names if name in quantities)
 
 
 def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None) -> Check:
@@ -219,7 +211,7 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
     Without a vessel only drift, lateral acceleration and heel are checked.
     """
     name = "plausibility"
-    if reason := needed(trial, ("u", "v", "r")):
+    if reason := missing_channels_text(trial, ("u", "v", "r")):
         return not_checked(name, reason)
     motion, _ = _motion(trial, scale, vessel)
     if not motion.fast > 0.0:
@@ -228,13 +220,10 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
     numbers = tuple((label, value, RANGES[label].unit) for label, (value, _) in quantities.items())
     faults = _faults(quantities)
     if not faults:
-        shown = ", ".join(
-            _words(label, quantities) for label in ("rL/U", "pivot point", "speed") if label in quantities
-        )
-        text = f"The motion is plausible for a ship: {shown}." if shown else "The motion is plausible for a ship."
-        return Check(name, "good", text, numbers)
+        text = _words(("rL/U", "pivot point", "speed"), quantities)
+        return Check(name, "good", f"The motion is plausible for a ship{f': {text}' if text else ''}.", numbers)
     verdict = "bad" if "bad" in faults.values() else "doubtful"
-    remarks = "; ".join(_words(label, quantities) for label in faults)
+    remarks = _words(faults, quantities, "; ")
     return Check(name, verdict, f"The motion is unusual for a ship: {remarks}. {_explanation(motion)}", numbers)
 
 
@@ -244,14 +233,13 @@ def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False)
     With ``any_speed`` the models cover the rest of the record, too; otherwise a trial is cut to the piece.
     """
     name = "motion ahead"
-    if reason := needed(trial, ("u", "v", "r")):
+    if reason := missing_channels_text(trial, ("u", "v", "r")):
         return not_checked(name, reason)
     ahead, size = _blocks_ahead(trial, scale)
     time = trial["time"].values
     if ahead.all():
         return Check(name, "good", "The ship makes way ahead all the time.", _piece(time[0], time[-1]))
     longest = longest_piece(ahead)
-    begin, end = longest.start, longest.stop
     samples = _samples(longest, ahead.size, size, time.size)
     numbers = _piece(time[samples.start], time[max(samples.stop - 1, samples.start)])
     if any_speed:
@@ -260,13 +248,11 @@ def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False)
     piece = numbers[1][1] - numbers[0][1]
     text = f"The ship makes way ahead, above {SLOW:.0%} of its speed and with |v|/U below {DRIFT:g},"
     if piece < SHORTEST_PIECE * scale.time:
-        most = f"for {piece:.3g} s at most" if end > begin else "at no time"
+        most = f"for {piece:.3g} s at most" if ahead.any() else "at no time"
         text = f"{text} {most}; the models cover nothing else, and a fit needs {SHORTEST_PIECE * scale.time:.3g} s."
         return Check(name, "bad", text, numbers)
-    text = (
-        f"{text} from {numbers[0][1]:.4g} to {numbers[1][1]:.4g} s; only this piece is used "
-        f"({ahead.mean():.0%} of the time qualifies)."
-    )
+    text = f"{text} from {numbers[0][1]:.4g} to {numbers[1][1]:.4g} s; only this piece is used"
+    text = f"{text} ({ahead.mean():.0%} of the time qualifies)."
     return Check(name, "doubtful", text, numbers, mendable=True)
 
 
@@ -275,10 +261,9 @@ def pieces_ahead(trial: xr.Dataset, scale: ShipScale) -> list[xr.Dataset]:
     ahead, size = _blocks_ahead(trial, scale)
     if ahead.all():
         return [trial]
-    pieces_of_trial = [
-        trial.isel(time=_samples(piece, ahead.size, size, trial.sizes["time"])) for piece in pieces(ahead)
-    ]
-    return [piece for piece in pieces_of_trial if np.ptp(piece["time"].values) >= SHORTEST_PIECE * scale.time]
+    samples = [_samples(piece, ahead.size, size, trial.sizes["time"]) for piece in pieces(ahead)]
+    long = SHORTEST_PIECE * scale.time
+    return [piece for piece in (trial.isel(time=k) for k in samples) if np.ptp(piece["time"].values) >= long]
 
 
 def _blocks_ahead(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, int]:
@@ -288,7 +273,7 @@ def _blocks_ahead(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, int]
 
 
 def _samples(piece: slice, blocks: int, size: int, samples: int) -> slice:
-    """Samples of a piece of blocks; the last block takes what is left of the record."""
+    """Samples of a piece of blocks; the last block extends to the end of the record."""
     return slice(piece.start * size, samples if piece.stop == blocks else piece.stop * size)
 
 
@@ -297,5 +282,5 @@ def _piece(begin: float, end: float) -> tuple[tuple[str, float, str], ...]:
 
 
 def cut_to_piece(trial: xr.Dataset, check: Check) -> xr.Dataset:
-    """Trial cut to the piece that :func:`piece_check` found."""
+    """Trial cut to the piece of :func:`piece_check`."""
     return trial.sel(time=slice(check.value("from"), check.value("until")))

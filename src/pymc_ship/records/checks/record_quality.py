@@ -11,40 +11,21 @@ from pymc_ship.records.checks.verdicts import Check, Numbers, ShipScale, not_che
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
-SAMPLES_DOUBTFUL, SAMPLES_BAD = 10.0, 4.0
-"""Samples in L/U: a ship answers within a fraction of it, and accelerations need several samples to an answer."""
-
-RUDDER_STEP = 0.25
-"""Rudder travel between samples over its range, beyond which its moves are not resolved."""
-
-FASTEST_GEAR = 300.0
-"""Rudder angle [deg] in L/U that no steering gear moves: rules ask for 2.3 deg/s of ships, quick models reach 150."""
-
-NOISE_DOUBTFUL, NOISE_BAD = 1.0 / 3.0, 1.0
-"""Noise of a sample over the spread of the signal: at 1 the channel is noise as much as signal."""
-
-DISTINCT_DOUBTFUL, DISTINCT_BAD = 50, 10
-"""Distinct values of a channel: fewer than 50 stand for steps of 2 % of its range."""
-
-SPIKE = 6.0
-"""Robust standard deviations, of the record and of the surroundings, from the local median that make a spike."""
-
-LEAST_SPIKE = 0.02
-"""Share of a channel's range below which a spike does no harm."""
-
-FROZEN = 0.25
-"""Share of L/U from which equal values are a frozen sensor."""
-
-ROUNDED = 0.8
-"""Share of distinct neighbours below which a channel is rounded: it then has runs of equal values of its own."""
-
+SAMPLES_DOUBTFUL, SAMPLES_BAD = 10.0, 4.0  # samples in L/U; a ship answers within a fraction of it
+RUDDER_STEP = 0.25  # rudder travel between samples over its range, beyond which its moves are not resolved
+FASTEST_GEAR = 300.0  # rudder angle [deg] in L/U beyond any steering gear; quick models reach 150
+NOISE_DOUBTFUL, NOISE_BAD = 1.0 / 3.0, 1.0  # noise of a sample over the spread of the signal
+DISTINCT_DOUBTFUL, DISTINCT_BAD = 50, 10  # distinct values of a channel; 50 are steps of 2 % of its range
+SPIKE = 6.0  # robust standard deviations of a spike from the local median
+LEAST_SPIKE = 0.02  # fraction of a channel's range below which a spike does no harm
+FROZEN = 0.25  # fraction of L/U from which equal values are a frozen sensor
+ROUNDED = 0.8  # fraction of distinct neighbours below which a channel is rounded, with runs of equal values
 _HALF_WINDOW, _LONGEST_SPIKE, _SURROUNDINGS = 4, 2, 51  # samples
 
 
 def present(trial: xr.Dataset, names: tuple[str, ...] = SIMULATED) -> list[str]:
     """Channels of a record; roll that is 0 throughout counts as not measured."""
-    there = [name for name in names if name in trial]
-    return [name for name in there if not CHANNELS[name].rolling or trial[name].values.any()]
+    return [name for name in names if name in trial and (not CHANNELS[name].rolling or trial[name].values.any())]
 
 
 def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
@@ -63,10 +44,8 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if samples < SAMPLES_DOUBTFUL:
         return Check("sampling", "doubtful", f"{text} That is few; use the trajectory fit, or sample faster.", numbers)
     if travel > RUDDER_STEP and rate * scale.time > FASTEST_GEAR:
-        text = (
-            f"The rudder moves by {travel:.0%} of its range between samples, {rate:.3g} deg/s: that is an ordered "
-            "angle, or a gear far quicker than the ship; a fit takes it for the angle itself."
-        )
+        text = f"The rudder moves by {travel:.0%} of its range between samples, {rate:.3g} deg/s: that is an ordered "
+        text += "angle, or a gear far quicker than the ship; a fit takes it for the angle itself."
         return Check("sampling", "doubtful", text, numbers)
     if travel > RUDDER_STEP:
         text = f"The rudder moves by {travel:.0%} of its range between samples; sample faster."
@@ -81,16 +60,16 @@ def noise_check(trial: xr.Dataset) -> Check:
         return not_checked("noise", "no channel that changes, or fewer than 10 samples")
     sd = second_difference_sd(np.array([trial[name].values for name in names], dtype=float))
     spread = np.sqrt(np.maximum([np.var(trial[name].values) for name in names] - sd**2, 1e-6 * sd**2))
-    shares = dict(zip(names, (sd / np.maximum(spread, np.finfo(float).tiny)).tolist(), strict=True))
-    numbers = tuple(
-        (f"sd {name}", float(s), trial[name].attrs.get("units", "")) for name, s in zip(names, sd, strict=True)
-    )
-    worst = max(shares, key=shares.__getitem__)
-    numbers += ((f"noise over signal, {worst}", shares[worst], ""),)
-    text = f"The noise is at most {shares[worst]:.2g} of the signal ({worst})."
-    if shares[worst] > NOISE_BAD:
+    ratios = (sd / np.maximum(spread, np.finfo(float).tiny)).tolist()
+    units = [trial[name].attrs.get("units", "") for name in names]
+    numbers = tuple((f"sd {name}", s, unit) for name, s, unit in zip(names, sd.tolist(), units, strict=True))
+    largest = max(ratios)
+    worst = names[ratios.index(largest)]
+    numbers += ((f"noise over signal, {worst}", largest, ""),)
+    text = f"The noise is at most {largest:.2g} of the signal ({worst})."
+    if largest > NOISE_BAD:
         return Check("noise", "bad", f"{text} That channel is noise; leave it out or mend the sensor.", numbers)
-    if shares[worst] > NOISE_DOUBTFUL:
+    if largest > NOISE_DOUBTFUL:
         return Check("noise", "doubtful", f"{text} Denoise it, and steer harder.", numbers)
     return Check("noise", "good", text, numbers)
 
@@ -114,7 +93,7 @@ def resolution_check(trial: xr.Dataset) -> Check:
 
 
 def spikes(values: np.ndarray) -> np.ndarray:
-    """Indices of isolated samples (one or two in a row) that stand out of their surroundings, see :data:`SPIKE`."""
+    """Indices of isolated samples (one or two in a row) beyond their surroundings, see :data:`SPIKE`."""
     from scipy.ndimage import median_filter
 
     if values.size < 4 * _HALF_WINDOW:
@@ -137,13 +116,12 @@ def spikes(values: np.ndarray) -> np.ndarray:
 
 def spike_check(trial: xr.Dataset) -> Check:
     """Spikes of every channel."""
-    counts = {name: spikes(_unwrapped(trial, name)).size for name in present(trial)}
+    counts = {name: spikes(_continuous(trial, name)).size for name in present(trial)}
     numbers = tuple((f"spikes, {name}", float(count), "") for name, count in counts.items())
-    hit = {name: count for name, count in counts.items() if count}
-    if not hit:
+    if not any(counts.values()):
         return Check("spikes", "good", "No channel has spikes.", numbers)
-    notes = ", ".join(f"{count} on {name}" for name, count in hit.items())
-    if max(hit.values()) > 0.02 * trial.sizes["time"]:
+    notes = ", ".join(f"{count} on {name}" for name, count in counts.items() if count)
+    if max(counts.values()) > 0.02 * trial.sizes["time"]:
         text = f"Spikes: {notes}, more than 2 % of the samples; mend the sensor or leave the channel out."
         return Check("spikes", "bad", text, numbers)
     text = f"Spikes: {notes}; replace them by interpolation (the other checks are made without them)."
@@ -154,7 +132,7 @@ def without_spikes(trial: xr.Dataset) -> xr.Dataset:
     """Trial whose spikes are replaced by straight lines between their neighbours."""
     mended = trial.copy()
     for name in present(trial):
-        values = _unwrapped(trial, name)
+        values = _continuous(trial, name)
         bad = spikes(values)
         if bad.size:
             good = np.setdiff1d(np.arange(values.size), bad)
@@ -164,7 +142,7 @@ def without_spikes(trial: xr.Dataset) -> xr.Dataset:
     return mended
 
 
-def _unwrapped(trial: xr.Dataset, name: str) -> np.ndarray:
+def _continuous(trial: xr.Dataset, name: str) -> np.ndarray:
     return unwrapped_heading(trial) if name == "psi" else np.asarray(trial[name].values, dtype=float)
 
 
@@ -197,13 +175,14 @@ def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return Check("frozen channels", "bad", text, tuple((f"frozen, {name}", np.inf, "s") for name in stuck))
     interval = sampling_interval(trial)
     longest = {name: interval * _longest_frozen(trial, name, names, scale.time / interval) for name in names}
-    hit = {name: duration for name, duration in longest.items() if duration > 0.0}
-    numbers = tuple((f"frozen, {name}", duration, "s") for name, duration in hit.items())
-    if not hit:
-        return Check("frozen channels", "good", "No channel stands still while the ship moves.", numbers)
-    worst = max(hit, key=hit.__getitem__)
-    verdict = "bad" if hit[worst] > scale.time else "doubtful"
-    text = f"{worst} stands still for {hit[worst]:.3g} s while the ship moves; cut that part out or mend the sensor."
+    numbers = tuple((f"frozen, {name}", duration, "s") for name, duration in longest.items() if duration > 0.0)
+    if not numbers:
+        return Check("frozen channels", "good", "No channel stands still while the ship moves.")
+    worst = max(longest, key=longest.__getitem__)
+    verdict = "bad" if longest[worst] > scale.time else "doubtful"
+    text = (
+        f"{worst} stands still for {longest[worst]:.3g} s while the ship moves; cut that part out or mend the sensor."
+    )
     return Check("frozen channels", verdict, text, numbers)
 
 
@@ -216,14 +195,11 @@ def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: f
     others = [trial[other].values for other in names if other in STATE[:3] and other != name]
     for run in np.flatnonzero(np.diff(edges) >= least):
         start, stop = edges[run], edges[run + 1]
-        moving = any(np.ptp(_quiet(values[start:stop])) > 0.05 * np.ptp(values) for values in others)
+        # means of five parts, so that noise is not taken for motion
+        parts = ([part.mean() for part in np.array_split(values[start:stop], 5)] for values in others)
+        moving = any(np.ptp(means) > 0.05 * np.ptp(values) for means, values in zip(parts, others, strict=True))
         longest = max(longest, int(stop - start)) if moving else longest
     return longest
-
-
-def _quiet(values: np.ndarray) -> np.ndarray:
-    """Means of five equal parts of a record; noise averages out in them and is not mistaken for motion."""
-    return np.array([part.mean() for part in np.array_split(values, 5)])
 
 
 def gap_check(trial: xr.Dataset) -> Check:
@@ -234,5 +210,5 @@ def gap_check(trial: xr.Dataset) -> Check:
     gaps = [line for line in notes.splitlines() if "gap" in line.lower() or "missing" in line.lower()]
     numbers = (("remarks", float(len(gaps)), ""),)
     if not gaps:
-        return Check("gaps", "good", "No gap was met in the file.", numbers)
+        return Check("gaps", "good", "The file has no gap.", numbers)
     return Check("gaps", "doubtful", f"{' '.join(gaps)} Look at these places before a fit.", numbers)

@@ -12,32 +12,22 @@ from pymc_ship.records.checks.verdicts import (
     Numbers,
     ShipScale,
     least_squares,
-    needed,
+    missing_channels_text,
     not_checked,
     ship_blocks,
     straight_approach,
 )
 from pymc_ship.trial.record import sampling_interval
 
-LARGEST_RUDDER = 1.3
-"""Rudder angle [rad] that no rudder reaches: a record beyond 75 deg is one in degrees."""
-
-CORRELATED = 0.7
-"""Correlation of yaw rate and rudder that tells the sign where no acceleration does, as in a long steady turn."""
-
-ZERO = 0.3
-"""Rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg."""
-
-ZEROS_AGREE = 0.3
-"""Difference [deg] up to which approach and zigzag tell the same zero error, which is then mended."""
-
-RATE = 0.1
-"""Difference from the vessel file's rudder rate that passes."""
-
+LARGEST_RUDDER = 1.3  # rudder angle [rad] that no rudder reaches: a record beyond 75 deg is one in degrees
+CORRELATED = 0.7  # correlation of yaw rate and rudder from which it shows the sign, as in a long steady turn
+ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg
+ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
+RATE = 0.1  # difference from the vessel file's rudder rate that passes
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
-_MOVE = 0.6  # share of the way from the middle of the rudder's range to its ends
-_BLOCK = 0.25  # share of L/U
+_MOVE = 0.6  # fraction of the way from the middle of the rudder's range to its ends
+_BLOCK = 0.25  # L/U
 
 
 def rudder_unit_check(trial: xr.Dataset) -> Check:
@@ -56,7 +46,7 @@ def rudder_unit_check(trial: xr.Dataset) -> Check:
 
 def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Sign of the yaw acceleration that a rudder angle brings (Nomoto's equation), or of their lagged correlation."""
-    if reason := needed(trial, ("delta", "r")):
+    if reason := missing_channels_text(trial, ("delta", "r")):
         return not_checked("rudder sign", reason)
     blocks = ship_blocks(trial, scale, _BLOCK)
     time = blocks.increments(trial["time"].values)
@@ -64,11 +54,8 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     coefficients, errors, _ = least_squares([delta, r, r * np.abs(r)], blocks.increments(trial["r"].values) / time)
     gain, error = (float(values[0]) * scale.time**2 for values in (coefficients, errors))
     correlation = _lagged_correlation(delta, r, round(1.0 / _BLOCK))
-    numbers = (
-        ("yaw acceleration per rudder angle", gain, "U2/L2"),
-        ("standard error", error, "U2/L2"),
-        ("lagged correlation", correlation, ""),
-    )
+    numbers: Numbers = (("yaw acceleration per rudder angle", gain, "U2/L2"), ("standard error", error, "U2/L2"))
+    numbers += (("lagged correlation", correlation, ""),)
     certain = abs(gain) > SIGNIFICANT * error
     if not certain and abs(correlation) < CORRELATED:
         return not_checked("rudder sign", "the rudder moves too little for a check", numbers)
@@ -131,12 +118,11 @@ def _zigzag_zero(trial: xr.Dataset) -> float:
         return np.nan
     tolerance = 0.05 * (high - low)
     sides = [delta[np.abs(delta - end) < tolerance] for end in (low, high)]
-    is_zigzag = (
-        sum(side.size for side in sides) > 0.5 * delta.size and min(side.size for side in sides) > 0.1 * delta.size
-    )
-    if not is_zigzag or abs(np.median(sides[0]) + np.median(sides[1])) > 2.0 * _PLATEAUS_AGREE:
+    sizes = [side.size for side in sides]
+    if sum(sizes) <= 0.5 * delta.size or min(sizes) <= 0.1 * delta.size:
         return np.nan
-    return float(0.5 * (np.median(sides[0]) + np.median(sides[1])))
+    total = np.median(sides[0]) + np.median(sides[1])
+    return float(0.5 * total) if abs(total) <= 2.0 * _PLATEAUS_AGREE else np.nan
 
 
 def _moves(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

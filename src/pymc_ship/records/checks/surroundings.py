@@ -6,15 +6,11 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.checks.verdicts import SLOW, Check, ShipScale, needed, not_checked, ship_blocks
+from pymc_ship.records.checks.verdicts import SLOW, Check, ShipScale, missing_channels_text, not_checked, ship_blocks
 from pymc_ship.records.files.format import true_air
 
-ADVANCE = (0.1, 1.6)
-"""Advance numbers J = U / (n D) of ships that sail ahead, from a tug that tows to a fast craft."""
-
-STEADIER = 0.25
-"""Share of its variance that the wind keeps under another reading from which that reading is believed."""
-
+ADVANCE = (0.1, 1.6)  # advance numbers J = U / (n D) of ships that sail ahead, from a tug that tows to a fast craft
+STEADIER = 0.25  # ratio of variances of the wind below which another reading of it is more probable
 _TURNED = np.deg2rad(60.0)  # change of heading without which readings of the wind cannot be distinguished
 _BLOCK = 0.25  # L/U
 
@@ -22,7 +18,7 @@ _BLOCK = 0.25  # L/U
 def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
     """Whether the propeller's advance number is that of a ship, and what unit of n explains it if not."""
     name = "revolutions"
-    if reason := needed(trial, ("n", "u", "v")):
+    if reason := missing_channels_text(trial, ("n", "u", "v")):
         return not_checked(name, reason)
     if vessel is None or vessel.propeller is None:
         return not_checked(name, "it needs a vessel file with [propeller]")
@@ -46,7 +42,7 @@ def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
 def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Whether the true wind of a record is steady, or would be if it were a relative one."""
     name = "wind"
-    if reason := needed(trial, ("wind_speed", "wind_direction", "u", "v", "psi")):
+    if reason := missing_channels_text(trial, ("wind_speed", "wind_direction", "u", "v", "psi")):
         return not_checked(name, reason)
     blocks = ship_blocks(trial, scale, _BLOCK)
     speed, direction, psi = (trial[key].values for key in ("wind_speed", "wind_direction", "psi"))
@@ -62,16 +58,15 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         "wind_speed is of the relative wind, its direction from north": true_air(speed, direction - psi, u, v, psi),
         "wind_direction counts from the bow": air * bow,
     }
-    unsteady = {words: _variance(blocks.means(flow.real), blocks.means(flow.imag)) for words, flow in readings.items()}
+    unsteady = {
+        words: float(np.var(blocks.means(flow.real)) + np.var(blocks.means(flow.imag)))
+        for words, flow in readings.items()
+    }
     best = min(unsteady, key=lambda words: unsteady[words])
     ratio = unsteady[best] / max(unsteady[""], np.finfo(float).tiny)
-    numbers = (("variance of the wind", unsteady[""], "m2/s2"), ("share under the best reading", ratio, ""))
+    numbers = (("variance of the wind", unsteady[""], "m2/s2"), ("ratio under the best reading", ratio, ""))
     if not best or ratio > STEADIER:
         return Check(name, "good", "The true wind is steadier than any reading of it as a relative one.", numbers)
     remedy = 'state wind = "relative" in the format' if "relative wind, from the bow" in best else "correct the columns"
     sentence = f"Probably {best}: the wind then keeps {100.0 * ratio:.2g} % of its variance; {remedy}."
     return Check(name, "bad", sentence, numbers)
-
-
-def _variance(north: np.ndarray, east: np.ndarray) -> float:
-    return float(np.var(north) + np.var(east))

@@ -1,6 +1,6 @@
 """Whether measured velocities lead to the measured track: axes, sign of v, lever arm and drift.
 
-x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi, compared as in :mod:`.kinematics`.
+x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi, over blocks as in :mod:`.kinematics`.
 """
 
 from __future__ import annotations
@@ -18,26 +18,20 @@ from pymc_ship.records.checks.verdicts import (
     ShipScale,
     integral,
     least_squares,
-    needed,
+    missing_channels_text,
     not_checked,
     ship_blocks,
 )
 from pymc_ship.trial.record import sampling_interval
 
-LEVER = 0.005
-"""Lever arm over L from which it matters: v' is then off by as much per r', 1 to 2 % of its size in a turn."""
-
-LONGEST_LEVER = 0.6
-"""Lever arm over L that a point on board can have; what looks longer is no lever arm."""
-
-SEEN_LEVER = 0.05
-"""Lever arm over L that a record must be able to show; a steady turn cannot, where it looks like an offset of v."""
-
-BETTER = 3.0
-"""How many times smaller the misfit must be to believe in earth-fixed velocities or a flipped v."""
-
-DRIFT_GOOD, DRIFT_BAD = (0.05, 0.005), (0.25, 0.025)
-"""Drift of the integrated track over L, and over the distance sailed; the larger of the two counts."""
+LEVER = 0.005  # lever arm over L from which it matters: error of v' per r'
+LONGEST_LEVER = 0.6  # lever arm over L that a point on board can have
+SEEN_LEVER = 0.05  # lever arm over L that a record must be able to show; in a steady turn it looks like an offset of v
+BETTER = 3.0  # ratio of misfits from which velocities count as earth-fixed, or v as reversed in sign
+DRIFT_GOOD, DRIFT_BAD = (
+    (0.05, 0.005),
+    (0.25, 0.025),
+)  # drift of the track over L, and over the distance; the larger counts
 
 
 @dataclass(frozen=True)
@@ -51,7 +45,7 @@ class TrackBlocks:
 
     @property
     def offsets(self) -> list[np.ndarray]:
-        """What a constant velocity of 1 m/s forward, and one to starboard, adds to both rows of the increments."""
+        """Increments of a constant velocity of 1 m/s, forward and to starboard."""
         idle = np.zeros_like(self.time)
         return [np.concatenate([self.time, idle]), np.concatenate([idle, self.time])]
 
@@ -61,7 +55,7 @@ class TrackBlocks:
         return np.array([cos * x + sin * y, cos * y - sin * x])
 
     def increments_of(self, x_dot: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
-        """The same of the integral of an earth-fixed velocity."""
+        """Increments of the integral of an earth-fixed velocity."""
         return self.increments(integral(x_dot, self.interval), integral(y_dot, self.interval))
 
     def earth(self, increments: np.ndarray) -> np.ndarray:
@@ -80,11 +74,9 @@ def track_blocks(trial: xr.Dataset, scale: ShipScale) -> tuple[TrackBlocks, np.n
 
 
 def earth_velocity(trial: xr.Dataset, axes: str = "body", sign: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """x_dot and y_dot [m/s] that u and v of a trial mean when they stand in body or earth axes."""
+    """x_dot and y_dot [m/s] from u and v of a trial in body or earth axes."""
     u, v = trial["u"].values, sign * trial["v"].values
-    if axes == "earth":
-        return u, v
-    return turned_to_earth(u, v, trial)
+    return (u, v) if axes == "earth" else turned_to_earth(u, v, trial)
 
 
 def turned_to_earth(u: np.ndarray, v: np.ndarray, trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -101,7 +93,7 @@ def body_velocity(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
-    """What a lever arm of 1 m adds to the track."""
+    """Increments of the track from a lever arm of 1 m."""
     rate, psi = trial["r"].values * np.cos(heel(trial)), trial["psi"].values
     return track.increments_of(-rate * np.sin(psi), rate * np.cos(psi))
 
@@ -109,7 +101,7 @@ def _lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
 def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
     """Checks that u and v are body-fixed and v has the right sign, as the track shows; misfits in m/s."""
     names = ("velocity axes", "sway sign")
-    if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
+    if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(names[0], reason), not_checked(names[1], reason)
     track, measured = track_blocks(trial, scale)
     readings = ("body", 1.0), ("earth", 1.0), ("body", -1.0)
@@ -125,16 +117,14 @@ def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
         text = f"v misses the track by {body:.2g} m/s, -v by {flipped:.2g} m/s; flip its sign (starboard is positive)."
         return axes, Check(names[1], "bad", text, numbers)
     if flipped < BETTER * body or flipped < 0.01 * scale.U:
-        return axes, not_checked(
-            names[1], "v is too small or too uncertain for a check of its sign by the track", numbers
-        )
+        return axes, not_checked(names[1], "v is too small or too uncertain to check its sign by the track", numbers)
     return axes, Check(names[1], "good", "v has the sign that leads to the track.", numbers)
 
 
 def _misfit(
     trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, scale: ShipScale, axes: str, sign: float
 ) -> float:
-    """Root mean square of the velocity [m/s] that is missing when a lever arm and constant offsets are allowed for."""
+    """Root mean square of the missing velocity [m/s] beside a lever arm and constant offsets."""
     missing = measured - track.increments_of(*earth_velocity(trial, axes, sign))
     lever, _, residuals = lever_fit(trial, track, missing)
     if abs(lever) > LONGEST_LEVER * scale.L:
@@ -151,7 +141,7 @@ def lever_fit(trial: xr.Dataset, track: TrackBlocks, missing: np.ndarray) -> tup
 
 def lever_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Distance from the point whose velocity is measured forward to the point whose track is measured."""
-    if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
+    if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked("lever arm", reason)
     track, measured = track_blocks(trial, scale)
     lever, error, _ = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
@@ -169,8 +159,8 @@ def lever_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 
 
 def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
-    """Drift of the integrated velocity from the track, and what a current and a scale of the speed leave of it."""
-    if reason := needed(trial, ("x", "y", "psi", "u", "v")):
+    """Drift of the integrated velocity from the track, with and without a current and a scale of the speed."""
+    if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v")):
         return not_checked("track closure", reason)
     track, measured = track_blocks(trial, scale)
     predicted = track.increments_of(*earth_velocity(trial))
@@ -183,9 +173,7 @@ def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         text = f"The integrated velocity misses the track by at most {drift:.2g} m over {distance:.0f} m."
         return Check("track closure", "good", text, numbers)
     if left > bad:
-        text = (
-            f"The integrated velocity misses the track by {drift:.3g} m, {left:.3g} m of it unexplained; do not fit it."
-        )
+        text = f"The integrated velocity misses the track by {drift:.3g} m, {left:.3g} m unexplained; do not fit it."
         return Check("track closure", "bad", text, numbers)
     current = float(np.hypot(*fit[:2]))
     text = (

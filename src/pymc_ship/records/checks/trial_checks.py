@@ -12,31 +12,8 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.checks.excitation import approach_check, excitation_checks, range_check
-from pymc_ship.records.checks.kinematics import heading_check, rate_checks, speed_check
-from pymc_ship.records.checks.lag import VelocityLag, advanced, explains_better, lag_check, lag_of
-from pymc_ship.records.checks.plausibility import cut_to_piece, piece_check, plausibility_check
-from pymc_ship.records.checks.record_quality import (
-    frozen_check,
-    gap_check,
-    noise_check,
-    present,
-    resolution_check,
-    sampling_check,
-    spike_check,
-    unwrapped_heading,
-    without_spikes,
-    wrap_check,
-)
-from pymc_ship.records.checks.rudder import (
-    rudder_delay_check,
-    rudder_rate_check,
-    rudder_sign_check,
-    rudder_unit_check,
-    rudder_zero_check,
-)
-from pymc_ship.records.checks.surroundings import revolutions_check, wind_check
-from pymc_ship.records.checks.track import axes_checks, body_velocity, drift_check, lever_check
+from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, surroundings, track
+from pymc_ship.records.checks.lag import VelocityLag, explains_better, lag_check, lag_of, shift_velocities
 from pymc_ship.records.checks.verdicts import Check, not_checked, ship_scale
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
 from pymc_ship.trial.channels import SIMULATED
@@ -92,26 +69,28 @@ def trial_checks(
     """
     vessel = None if vessel is None else as_vessel(vessel)
     _check_record(as_trial(trial))
-    trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in present(trial)])
-    checks = [spike_check(trial), wrap_check(trial)]
-    trial = _corrected(trial, checks)
+    trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in record_quality.present(trial)])
+    checks = [record_quality.spike_check(trial), record_quality.wrap_check(trial)]
+    trial = _apply_corrections(trial, checks)
     scale = ship_scale(trial, vessel)
-    checks += [sampling_check(trial, scale), gap_check(trial), noise_check(trial), resolution_check(trial)]
-    checks += [frozen_check(trial, scale)]
+    checks += [record_quality.sampling_check(trial, scale), record_quality.gap_check(trial)]
+    checks += [record_quality.noise_check(trial), record_quality.resolution_check(trial)]
+    checks += [record_quality.frozen_check(trial, scale)]
     trial, closure = _closure_checks(trial, vessel, lag)
     yaw_sign = next(check for check in closure if check.name == "yaw rate")
     checks += closure
-    plausible = plausibility_check(trial, scale, vessel)
+    plausible = plausibility.plausibility_check(trial, scale, vessel)
     if plausible.verdict == "bad":
         piece = not_checked("motion ahead", "the motion must be that of a ship first")
     else:
-        piece = piece_check(trial, scale, any_speed=any_speed)
+        piece = plausibility.piece_check(trial, scale, any_speed=any_speed)
     checks += [plausible, piece]
-    trial = _corrected(trial, [piece])
+    trial = _apply_corrections(trial, [piece])
     checks += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
     scale = ship_scale(trial, vessel)
-    checks += [revolutions_check(trial, vessel), wind_check(trial, scale)]
-    checks += [approach_check(trial, scale), range_check(trial, scale), *excitation_checks(trial, vessel)]
+    checks += [surroundings.revolutions_check(trial, vessel), surroundings.wind_check(trial, scale)]
+    checks += [excitation.approach_check(trial, scale), excitation.range_check(trial, scale)]
+    checks += excitation.excitation_checks(trial, vessel)
     return tuple(checks)
 
 
@@ -132,40 +111,46 @@ def _closure_checks(
 ) -> tuple[xr.Dataset, list[Check]]:
     """Trial with what the closure mends, and the checks."""
     scale = ship_scale(trial, vessel)
-    checks = [*rate_checks(trial, scale, "r", "psi"), *rate_checks(trial, scale, "p", "phi")]
-    checks += [heading_check(trial, scale), speed_check(trial, scale)]
-    trial = _corrected(trial, checks)
+    checks = [*kinematics.rate_checks(trial, scale, "r", "psi"), *kinematics.rate_checks(trial, scale, "p", "phi")]
+    checks += [kinematics.heading_check(trial, scale), kinematics.speed_check(trial, scale)]
+    trial = _apply_corrections(trial, checks)
     wrong = [check.name for check in checks if check.verdict == "bad" and not check.name.startswith("roll")]
     if wrong:
         reason = f"{' and '.join(wrong)} must be right first"
         names = ("velocity axes", "sway sign", "velocity lag", "lever arm", "track closure")
         return trial, checks + [not_checked(name, reason) for name in names]
-    axes = axes_checks(trial, scale)
-    trial = _corrected(trial, axes)
+    axes = track.axes_checks(trial, scale)
+    trial = _apply_corrections(trial, axes)
     if axes[1].verdict == "bad":
-        later = ("velocity lag", "lever arm", "track closure")
-        rest = [not_checked(name, "the sign of v must be right first") for name in later]
+        reason = "the sign of v must be right first"
+        rest = [not_checked(name, reason) for name in ("velocity lag", "lever arm", "track closure")]
         return trial, [*checks, *axes, *rest]
     late = lag_check(trial, scale, lag)
-    trial = _corrected(trial, [late])
-    lever = lever_check(trial, scale)
+    trial = _apply_corrections(trial, [late])
+    lever = track.lever_check(trial, scale)
     if lever.mendable and explains_better(late, scale):
         reason = "a lag of the velocities explains the track better, but takes more runs to tell; give them together"
         lever = not_checked(lever.name, reason)
-    trial = _corrected(trial, [lever])
-    return trial, [*checks, *axes, late, lever, drift_check(trial, scale)]
+    trial = _apply_corrections(trial, [lever])
+    return trial, [*checks, *axes, late, lever, track.drift_check(trial, scale)]
 
 
 def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool) -> list[Check]:
-    unit = rudder_unit_check(trial)
+    unit = rudder.rudder_unit_check(trial)
     names = ("rudder sign", "rudder zero", "rudder rate", "rudder delay")
     if unit.verdict != "good":
         reason = "the unit of delta must be right first" if unit.verdict == "bad" else "no delta in the record"
         return [unit, *(not_checked(name, reason) for name in names)]
-    sign = rudder_sign_check(trial, ship_scale(trial, vessel))
+    sign = rudder.rudder_sign_check(trial, ship_scale(trial, vessel))
     if yaw_is_bad:
         sign = not_checked("rudder sign", "r must be right first")
-    return [unit, sign, rudder_zero_check(trial), rudder_rate_check(trial, vessel), rudder_delay_check(trial)]
+    return [
+        unit,
+        sign,
+        rudder.rudder_zero_check(trial),
+        rudder.rudder_rate_check(trial, vessel),
+        rudder.rudder_delay_check(trial),
+    ]
 
 
 def check_table(checks: Iterable[Check]) -> xr.Dataset:
@@ -173,15 +158,6 @@ def check_table(checks: Iterable[Check]) -> xr.Dataset:
 
     ``verdict``, ``sentence`` and ``mendable`` are over the names of the checks; ``value`` and ``unit`` over the
     numbers, with the coordinates ``of`` (name of the check) and ``quantity``.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> from pymc_ship.records.checks.trial_checks import check_table
-    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> table = check_table(ps.trial_checks(trial))
-    >>> table["verdict"].sel(check="rudder sign").item()
-    'good'
     """
     checks = list(checks)
     rows = [(check.name, *number) for check in checks for number in check.numbers]
@@ -201,9 +177,7 @@ def check_table(checks: Iterable[Check]) -> xr.Dataset:
 def failed_checks(checks: Iterable[Check], overrule: Collection[str] = ()) -> str:
     """Sentence on the bad checks that are not overruled; empty without any."""
     bad = [check for check in checks if check.verdict == "bad" and check.name not in overrule]
-    if not bad:
-        return ""
-    return "The trial cannot be fitted: " + " ".join(map(_check_text, bad))
+    return "The trial cannot be fitted: " + " ".join(map(_check_text, bad)) if bad else ""
 
 
 def _check_text(check: Check) -> str:
@@ -303,7 +277,7 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     if sentence := failed_checks(checks, overrule):
         raise TrialError(sentence, checks=[one for one in checks if one.verdict == "bad" and one.name not in overrule])
     verdicts = [check.verdict for check in checks if check.verdict != "not checked"]
-    mended = with_quality_flags(_corrected(trial, checks), worst_verdict(verdicts), _remarks(checks))
+    mended = with_quality_flags(_apply_corrections(trial, checks), worst_verdict(verdicts), _remarks(checks))
     corrections = [
         *trial.attrs.get("corrections", []),
         *(_CORRECTION_TEXT[check.name](check) for check in checks if check.mendable),
@@ -317,19 +291,19 @@ def _remarks(checks: Iterable[Check]) -> list[str]:
     return [f"{words[check.verdict]}: {_check_text(check)}" for check in checks if check.verdict in words]
 
 
-def _corrected(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
+def _apply_corrections(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
     for check in checks:
         if check.mendable:
             trial = _MEND[check.name](trial, check)
     return trial
 
 
-def _subtracted(trial: xr.Dataset, name: str, shift: float | np.ndarray) -> xr.Dataset:
+def _subtract(trial: xr.Dataset, name: str, shift: float | np.ndarray) -> xr.Dataset:
     return trial.assign({name: ("time", trial[name].values - shift, trial[name].attrs)})
 
 
 def _in_body_axes(trial: xr.Dataset, _: Check) -> xr.Dataset:
-    velocity = zip(("u", "v"), body_velocity(trial), strict=True)
+    velocity = zip(("u", "v"), track.body_velocity(trial), strict=True)
     return trial.assign({name: ("time", values, trial[name].attrs) for name, values in velocity})
 
 
@@ -338,15 +312,17 @@ def _zero(check: Check) -> float:
 
 
 _MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
-    "spikes": lambda trial, _: without_spikes(trial),
-    "heading wraps": lambda trial, _: trial.assign(psi=("time", unwrapped_heading(trial), trial["psi"].attrs)),
-    "gyro offset": lambda trial, check: _subtracted(trial, "r", np.deg2rad(check.value("offset"))),
-    "roll rate offset": lambda trial, check: _subtracted(trial, "p", np.deg2rad(check.value("offset"))),
+    "spikes": lambda trial, _: record_quality.without_spikes(trial),
+    "heading wraps": lambda trial, _: trial.assign(
+        psi=("time", record_quality.unwrapped_heading(trial), trial["psi"].attrs)
+    ),
+    "gyro offset": lambda trial, check: _subtract(trial, "r", np.deg2rad(check.value("offset"))),
+    "roll rate offset": lambda trial, check: _subtract(trial, "p", np.deg2rad(check.value("offset"))),
     "velocity axes": _in_body_axes,
-    "motion ahead": cut_to_piece,
-    "velocity lag": lambda trial, check: advanced(trial, lag_of(check)),
-    "lever arm": lambda trial, check: _subtracted(trial, "v", -check.value("lever arm") * trial["r"].values),
-    "rudder zero": lambda trial, check: _subtracted(trial, "delta", np.deg2rad(_zero(check))),
+    "motion ahead": plausibility.cut_to_piece,
+    "velocity lag": lambda trial, check: shift_velocities(trial, lag_of(check)),
+    "lever arm": lambda trial, check: _subtract(trial, "v", -check.value("lever arm") * trial["r"].values),
+    "rudder zero": lambda trial, check: _subtract(trial, "delta", np.deg2rad(_zero(check))),
 }
 """Correction of each mendable check, in the order of the checks."""
 

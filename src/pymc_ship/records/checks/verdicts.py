@@ -1,4 +1,4 @@
-"""What a check of a trial says: a verdict with numbers and a sentence; and the scales of the ship it is judged by."""
+"""Outcome of a check: verdict, numbers, sentence; and the length and speed of the ship for its limits."""
 
 from __future__ import annotations
 
@@ -10,17 +10,11 @@ import xarray as xr
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import sampling_interval
 
-SIGNIFICANT = 5.0
-"""Standard errors from which a finding counts; a few dozen tests a trial then give a false alarm in 1e5 trials."""
+SIGNIFICANT = 5.0  # standard errors from which a finding counts: a false alarm in 1e5 trials of a few dozen tests
+TIGHTEST_TURN = 0.4  # L over the smallest radius U/|r| where L is unknown; merchant ships reach 0.3 to 0.6
+SLOW = 0.3  # fraction of the usual speed below which course and prime values (over U^2) are not used
 
-TIGHTEST_TURN = 0.4
-"""L over the smallest radius U/|r| where L is unknown: hard zigzags and turns of merchant ships reach 0.3 to 0.6."""
-
-SLOW = 0.3
-"""Share of the record's own speed below which a course means nothing, nor do prime values, which divide by U^2."""
-
-Numbers = tuple[tuple[str, float, str], ...]
-"""Name, value and unit of what was measured."""
+Numbers = tuple[tuple[str, float, str], ...]  # name, value and unit
 
 _DIFFERENCE = 0.6744897501960817 * np.sqrt(2.0)
 _IDLE = 1e-100
@@ -30,8 +24,8 @@ _IDLE = 1e-100
 class Check:
     """Outcome of one check: verdict (good, not checked, doubtful, bad), a sentence with the finding and the remedy.
 
-    ``numbers`` are name, value and unit of each measured quantity; ``mendable`` tells whether
-    :func:`pymc_ship.corrected_trial` corrects the finding.
+    ``numbers`` are name, value and unit of each measured quantity; ``mendable``: :func:`pymc_ship.corrected_trial`
+    corrects the finding.
     """
 
     name: str
@@ -50,21 +44,21 @@ def not_checked(name: str, reason: str, numbers: Numbers = ()) -> Check:
     return Check(name, "not checked", f"Not checked: {reason}.", numbers)
 
 
-def needed(trial: xr.Dataset, channels: tuple[str, ...]) -> str:
-    """Reason for which a check cannot be made: the channels that it needs and the trial lacks; empty if none."""
+def missing_channels_text(trial: xr.Dataset, channels: tuple[str, ...]) -> str:
+    """Reason for which a check cannot be made: the channels that the trial lacks; empty if none."""
     missing = [name for name in channels if name not in trial]
     return f"no {', '.join(missing)} in the record" if missing else ""
 
 
-def pieces(wanted: np.ndarray) -> list[slice]:
-    """Runs of neighbours that are wanted."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]))).reshape(-1, 2)
+def pieces(mask: np.ndarray) -> list[slice]:
+    """Runs of neighbours in a mask."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]))).reshape(-1, 2)
     return [slice(*edge) for edge in edges.tolist()]
 
 
-def longest_piece(wanted: np.ndarray) -> slice:
-    """Longest run of neighbours that are wanted, the first of equal ones; an empty slice where none is."""
-    return max(pieces(wanted), key=lambda piece: piece.stop - piece.start, default=slice(0, 0))
+def longest_piece(mask: np.ndarray) -> slice:
+    """Longest run of neighbours in a mask, the first of equal ones; an empty slice without any."""
+    return max(pieces(mask), key=lambda piece: piece.stop - piece.start, default=slice(0, 0))
 
 
 @dataclass(frozen=True)
@@ -99,21 +93,20 @@ def ship_scale(trial: xr.Dataset, vessel: Vessel | None) -> ShipScale:
 
 
 def _turning_rate(trial: xr.Dataset) -> float:
-    """Largest rate of turn [rad/s] of the gyro or the heading, the smaller of the two; 0 where neither is there."""
+    """Largest rate of turn [rad/s] of the gyro or the heading, the smaller of the two; 0 without both."""
     rates = []
     if "r" in trial:
         rates.append(float(np.quantile(np.abs(trial["r"].values), 0.99)))
     if "psi" in trial:
         size = max(1, trial.sizes["time"] // 200)
-        blocks = Blocks(size)
-        psi = np.unwrap(trial["psi"].values)
-        rates.append(float(np.quantile(np.abs(blocks.increments(psi)), 0.99)) / (size * sampling_interval(trial)))
+        changes = np.abs(Blocks(size).increments(np.unwrap(trial["psi"].values)))
+        rates.append(float(np.quantile(changes, 0.99)) / (size * sampling_interval(trial)))
     return min(filter(None, rates), default=0.0)
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """Means over blocks of ``size`` samples, which quieten the noise of position and heading."""
+    """Means over blocks of ``size`` samples, against the noise of position and heading."""
 
     size: int
 
@@ -133,7 +126,7 @@ class Blocks:
 
 
 def ship_blocks(trial: xr.Dataset, scale: ShipScale, fraction: float) -> Blocks:
-    """Blocks of a share of L/U, of three samples or more, at least ten of them where the record allows."""
+    """Blocks of a fraction of L/U, of three samples or more, at least ten of them where the record allows."""
     n_time = trial.sizes["time"]
     return Blocks(max(1, min(max(3, round(fraction * scale.time / sampling_interval(trial))), n_time // 10)))
 
@@ -151,8 +144,8 @@ def straight_approach(trial: xr.Dataset) -> int:
 def least_squares(columns: list[np.ndarray], response: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Least squares: coefficients, their standard errors and the residuals.
 
-    The larger of the ordinary and the HC3 standard errors (MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7),
-    widened for autocorrelated residuals.
+    The larger of ordinary and HC3 errors (MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7), inflated for
+    autocorrelated residuals.
     """
     X = np.column_stack(columns)
     scale = np.sqrt(np.mean(X**2, axis=0))
@@ -167,10 +160,10 @@ def least_squares(columns: list[np.ndarray], response: np.ndarray) -> tuple[np.n
     ordinary = sd * np.sqrt(np.sum(inverse**2, axis=1))
     free = np.maximum(1.0 - np.sum(left**2, axis=1), 1e-6)
     robust = np.sqrt(np.sum((inverse @ left.T * (residuals / free)) ** 2, axis=1))
-    alike = residuals[1:] @ residuals[:-1] / max(residuals @ residuals, np.finfo(float).tiny)
-    alike = np.clip(alike, 0.0, 0.9)
-    widened = np.sqrt((1.0 + alike) / (1.0 - alike)) / scale
-    return coefficients, np.maximum(ordinary, robust) * widened, residuals
+    correlation = residuals[1:] @ residuals[:-1] / max(residuals @ residuals, np.finfo(float).tiny)
+    correlation = np.clip(correlation, 0.0, 0.9)
+    inflation = np.sqrt((1.0 + correlation) / (1.0 - correlation)) / scale
+    return coefficients, np.maximum(ordinary, robust) * inflation, residuals
 
 
 def integral(rate: np.ndarray, interval: float) -> np.ndarray:

@@ -17,21 +17,10 @@ def derivative(
 ) -> np.ndarray:
     """Derivative of a uniformly sampled signal along its last axis, per second, in its shape.
 
-    Parameters
-    ----------
-    values : array_like, shape (..., n_time)
-    step : float
-        Sampling step [s].
-    method : {"euler", "central", "savgol"}, optional
-        "euler": forward difference, the last one repeated. "central": second-order differences, one-sided at the ends.
-        "savgol": of the local least-squares polynomial (Savitzky & Golay, Anal. Chem. 36:1627, 1964).
-    window, order : float and int, optional
-        Length of the Savitzky-Golay window [s], rounded to an odd number of samples, and order of its polynomial.
-
-    Raises
-    ------
-    ValueError
-        For an unknown method, a step, window or order out of range, a signal not finite or too short for the method.
+    ``step`` and ``window`` are in s. "euler": forward difference, the last one repeated. "central": second-order
+    differences, one-sided at the ends. "savgol": local least-squares polynomial over an odd number of samples
+    (Savitzky & Golay, Anal. Chem. 36:1627, 1964). ValueError for an unknown method, a number out of range, a
+    signal not finite or too short.
     """
     signal = np.asarray(values, dtype=float)
     check_choice("The method", method, DERIVATIVES)

@@ -65,28 +65,20 @@ def ebayes_threshold(
     universal_bound: bool = True,
     threshold: str = "posterior_median",
 ) -> EbayesEstimate:
-    """Estimate the means of independent normal observations of which many may be zero.
+    """Estimate the means of independent normal observations, of any shape, of which many may be zero.
 
-    Parameters
-    ----------
-    x : array_like
-        Observations, of any shape.
-    prior : {"laplace", "cauchy"}, optional
-        Density of the means that are not zero.
-    scale : float or None, optional
-        Scale a of the Laplace density in units of 1 / sdev; None estimates it within :data:`SCALE_BOX`.
-    sdev : float or None, optional
-        Noise sd; None takes 1.4826 times the median of abs(x). If that is zero, the data are returned, with weight 1.
-    rule : {"median", "mean", "hard", "soft"}, optional
-    universal_bound : bool, optional
-        Whether the posterior-median threshold may not exceed sdev sqrt(2 log n).
-    threshold : {"posterior_median", "bayes_factor"}, optional
-        Threshold to report, and to apply by the hard and soft rules.
+    ``scale`` is a in units of 1 / sdev, None estimates it within :data:`SCALE_BOX`; ``sdev`` is that of the noise, None
+    takes 1.4826 times the median of abs(x) (if that is zero, the data return, with weight 1). ``universal_bound``: the
+    posterior-median threshold may not exceed sdev sqrt(2 log n). ``threshold`` is reported, and applied by the hard and
+    soft rules. ValueError for an unknown choice, data empty or not finite, a scale or sdev not positive.
 
-    Raises
-    ------
-    ValueError
-        For an unknown prior, rule or threshold, data that are empty or not finite, a scale or sdev not positive.
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymc_ship.records.denoising.ebayes import ebayes_threshold
+    >>> result = ebayes_threshold(np.array([0.3, -0.8, 5.0, 0.5, -0.1, 1.2, -7.0, -0.4, 0.9, 0.2]))
+    >>> print(result.estimate.round(1) + 0.0)
+    [ 0.   0.   4.5  0.   0.   0.  -6.5  0.   0.   0. ]
     """
     values = _observations(x)
     check_choice("The prior", prior, PRIORS)

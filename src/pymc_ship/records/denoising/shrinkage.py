@@ -16,18 +16,9 @@ from pymc_ship.records.denoising.ebayes import PRIORS, fit_prior, mad, posterior
 class Shrinkage:
     """A signal with its extension past the ends, and the prior of its wavelet coefficients at every level.
 
-    Attributes
-    ----------
-    signal, trend : ndarray, shape (n_time,)
-        The signal, and the parabola subtracted before the extension.
-    padded : ndarray, shape (n_padded,)
-        Signal minus trend, ``before`` samples in front; the length is a multiple of 2**levels.
-    translation_invariant : bool
-        Whether the posterior is a mixture over all shifts of the decimated transform.
-    fitted : tuple of (float, float)
-        Weight and scale of each level of detail, coarsest first, in units of the noise; empty without noise.
-    sdev : float
-        Noise sd; 0 where it is within the accuracy of the filters.
+    ``padded`` is ``signal`` minus ``trend``, with ``before`` samples in front, a multiple of 2**levels. ``fitted`` are
+    weight and scale of each level of detail, coarsest first, in units of the noise ``sdev``; empty if that is 0, within
+    the accuracy of the filters. Translation invariant, the posterior is a mixture over all shifts.
     """
 
     signal: np.ndarray

@@ -30,32 +30,9 @@ _FRAME = {
 class TrialFormat:
     """Format of a trial file; the default has the units and signs of the package.
 
-    Attributes
-    ----------
-    columns : dict
-        Channel -> ``{"column", "unit", "sign", "offset"}``; other columns are recognised by their headings.
-    velocities : {"body", "earth"}
-        Axes of u and v: those of the ship, or of x and y.
-    reference : float
-        Point of u and v, forward of the origin [m].
-    heading : {"clockwise", "counterclockwise", "compass"}
-        Positive sense of psi; a compass heading is clockwise, and in deg unless stated.
-    rudder_positive : {"port", "starboard"}
-        Side to which a positive rudder angle turns the ship.
-    speeds : {"through water", "over ground"}
-        Reference of u and v.
-    wind : {"true", "relative"}
-        Reference of wind_speed and wind_direction; a relative direction counts from the bow.
-    forces : {"L2", "Ld"}
-        Area over which the forces of captive tests are prime: L^2 or L d; moments by L more.
-    froude : float
-        Scale: length of the ship over that of the model.
-    delimiter : str or None
-        One of :data:`DELIMITERS`; by default that of the header.
-    skip_rows : int
-        Lines before the header.
-    facility : str
-        Name of the basin or ship with its own steering gear and sensors; empty for a single one.
+    The fields are the keys of docs/reference/format_toml.md: ``columns`` by channel; ``reference``, the point of u and
+    v forward of the origin [m]; ``forces``, the area L^2 or L d of prime captive forces; ``froude``, the length of the
+    ship over that of the model; ``delimiter``, by default that of the header; ``facility``, empty for a single one.
     """
 
     columns: dict[str, dict[str, Any]] = field(default_factory=dict)

@@ -85,7 +85,9 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
     records = [SteeringRecord(trial, reversals, delay) for trial, reversals in zip(trials, by_trial, strict=True)]
     manoeuvres = [_manoeuvre(record) for record in records]
-    return manoeuvres, Steering(rate, delay, len(every), _common_speed(manoeuvres))
+    speeds = [one.approach_speed for one in manoeuvres if one is not None and one.approach_speed is not None]
+    is_common = bool(speeds) and max(speeds) <= _ONE_SPEED * min(speeds)
+    return manoeuvres, Steering(rate, delay, len(every), float(np.median(speeds)) if is_common else np.nan)
 
 
 def recognise_by_facility(
@@ -115,12 +117,6 @@ def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
         return vessel
     measured = {"rudder_rate_deg": steering.rudder_rate_deg, "rudder_delay": steering.rudder_delay}
     return replace(vessel, particulars=replace(vessel.particulars, **measured))
-
-
-def _common_speed(manoeuvres: Sequence[Manoeuvre | None]) -> float:
-    """Median approach speed [m/s]; NaN if the speeds differ or there is none."""
-    speeds = [one.approach_speed for one in manoeuvres if one is not None and one.approach_speed is not None]
-    return float(np.median(speeds)) if speeds and max(speeds) <= _ONE_SPEED * min(speeds) else np.nan
 
 
 def _common_delay(runs: Sequence[Swings], longest: float) -> float:
