@@ -18,7 +18,7 @@ def noisy(trial, seed=1, level=0.01):
 
 
 def steered(vessel, first=0.0, **settings):
-    """Straight for 40 s, then the rudder goes to both sides for 50 s at a time; ``first`` [deg] is held till then."""
+    """Straight for 40 s, then the rudder goes to both sides for 50 s at a time; ``first`` [deg] stays until then."""
     time, delta = [0.0, 40.0], np.deg2rad([first, first]).tolist()
     for k, side in enumerate((1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0)):
         time += [40.1 + 50.0 * k, 90.0 + 50.0 * k]
@@ -38,7 +38,7 @@ def with_samples(trial, name, where, values):
     return changed(trial, **{name: channel})
 
 
-def found(trial, vessel=None):
+def checks_by_name(trial, vessel=None):
     return {check.name: check for check in ps.trial_checks(trial, vessel)}
 
 

@@ -1,4 +1,4 @@
-"""Faults of sensors, units and signs: each is found alone, and mended where its number can be told."""
+"""Faults of sensors, units and signs: each is detected alone, and corrected where its number is known."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.records.checks.kinematics import _rate_scale
 from pymc_ship.records.checks.track import earth_velocity
-from tests.records.checks.cases import alarms, changed, found, lever, noisy, offset, simulated, steered, units
+from tests.records.checks.cases import alarms, changed, checks_by_name, lever, noisy, offset, simulated, steered, units
 
 
 def roll_offset(trial):
@@ -43,7 +43,7 @@ def test_a_fault_of_the_velocities_is_found_alone_and_mended(container, approach
     for channel in ("u", "v", "r", "p"):
         spread = np.std(trial[channel].values)
         assert np.abs(mended[channel].values - trial[channel].values).max() < 0.03 * spread
-    assert alarms(found(mended, container)) == set()
+    assert alarms(checks_by_name(mended, container)) == set()
 
 
 def test_faults_that_come_together_are_told_apart(container, zigzag):
@@ -59,9 +59,9 @@ def test_faults_that_come_together_are_told_apart(container, zigzag):
 
 
 def test_a_lever_arm_needs_no_vessel_but_a_turn_that_changes(circle, zigzag):
-    check = found(lever(zigzag))["lever arm"]
+    check = checks_by_name(lever(zigzag))["lever arm"]
     assert (check.verdict, check.value("lever arm")) == ("doubtful", pytest.approx(20.0, abs=1.0))
-    assert found(lever(circle))["lever arm"].verdict == "not checked"
+    assert checks_by_name(lever(circle))["lever arm"].verdict == "not checked"
 
 
 def knots(trial):
@@ -102,14 +102,14 @@ def test_units_and_signs_that_are_wrong_are_bad_and_refused(request, container, 
 
 
 def test_a_gyro_that_is_two_per_cent_off_is_doubtful(zigzag, container):
-    check = found(units("r", 1.05)(zigzag), container)["yaw rate"]
+    check = checks_by_name(units("r", 1.05)(zigzag), container)["yaw rate"]
     assert (check.verdict, check.mendable) == ("doubtful", False)
     assert check.value("scale") == pytest.approx(1.0 / 1.05, abs=2e-3)
 
 
 def test_a_current_is_told_and_not_mended(zigzag, container):
     trial = changed(zigzag, y=zigzag["y"].values + 0.3 * zigzag["time"].values)
-    checks = found(trial, container)
+    checks = checks_by_name(trial, container)
     assert alarms(checks) == {"track closure"}
     assert checks["track closure"].verdict == "doubtful"
     assert "current or offset of 0.3 m/s" in checks["track closure"].sentence
@@ -138,7 +138,7 @@ def test_a_scale_is_wrong_only_beyond_what_the_record_can_tell(slope, error, ver
 def test_a_scale_error_in_a_steady_turn_is_not_mended_as_an_offset(container):
     """Half a per cent of the scale, which a gyro may have: in a turn alone an offset looks the same."""
     turn = simulated(container, ps.turning_circle(35.0), 600.0)
-    assert found(units("r", 1.005)(turn), container)["gyro offset"].verdict == "good"
+    assert checks_by_name(units("r", 1.005)(turn), container)["gyro offset"].verdict == "good"
     zigzag = simulated(container, ps.zigzag(20.0, 20.0))
     slip = 0.005 * np.abs(turn["r"].values).mean()
-    assert found(changed(zigzag, r=zigzag["r"].values + slip), container)["gyro offset"].verdict == "doubtful"
+    assert checks_by_name(changed(zigzag, r=zigzag["r"].values + slip), container)["gyro offset"].verdict == "doubtful"

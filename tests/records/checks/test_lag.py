@@ -1,4 +1,4 @@
-"""Velocities that are late behind the track are told from a lever arm, by kind, and set right; one lag for all runs."""
+"""Lag of velocities behind the track, by kind, distinguished from a lever arm and corrected; one lag for all runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pymc_ship as ps
 from pymc_ship.records.checks.lag import LAG, NAME, READINGS, VelocityLag, common_lag, lag_of
 from pymc_ship.records.checks.track import body_velocity, earth_velocity
 from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check
-from tests.records.checks.cases import changed, found, lever, noisy
+from tests.records.checks.cases import changed, checks_by_name, lever, noisy
 
 SECONDS = 0.8
 
@@ -44,7 +44,7 @@ def runs(container):
 @pytest.mark.parametrize("kind", LATE)
 @pytest.mark.parametrize("run", [0, 1, 2])
 def test_a_lag_is_told_by_kind_and_not_taken_for_a_lever_arm(runs, container, kind, run):
-    checks = found(noisy(LATE[kind](runs[run]), level=0.002), container)
+    checks = checks_by_name(noisy(LATE[kind](runs[run]), level=0.002), container)
     lag = lag_of(checks["velocity lag"])
     assert checks["velocity lag"].verdict == "doubtful"
     assert lag.kind == kind
@@ -64,14 +64,14 @@ def test_all_channels_that_are_late_are_set_right(runs, container, kind):
 
 
 def test_a_lever_arm_is_no_lag(runs, container):
-    checks = found(noisy(lever(runs[0])), container)
+    checks = checks_by_name(noisy(lever(runs[0])), container)
     assert checks["velocity lag"].verdict == "good"
     assert checks["lever arm"].value("lever arm") == pytest.approx(20.0, abs=1.0)
 
 
 @pytest.mark.parametrize("run", [0, 1, 2])
 def test_a_sound_record_has_no_lag(runs, container, run):
-    checks = found(noisy(runs[run]), container)
+    checks = checks_by_name(noisy(runs[run]), container)
     assert checks["velocity lag"].verdict == "good"
     assert common_lag([tuple(checks.values())]) is None
 
@@ -84,41 +84,41 @@ def test_one_lag_of_a_facility_is_that_of_all_its_runs(runs, container):
     assert lag.error < min(lag_of(next(c for c in checks if c.name == "velocity lag")).error for checks in checked)
 
 
-def test_a_run_that_does_not_tell_its_lag_is_set_right_by_that_of_the_others(runs, container):
+def test_a_run_with_an_uncertain_lag_is_corrected_by_that_of_the_others(runs, container):
     lag = VelocityLag("earth", SECONDS, 0.01)
     quiet = noisy(late_earth(runs[1]), level=0.05)
-    check = found(quiet, container)["velocity lag"]
-    told = {one.name: one for one in ps.trial_checks(quiet, container, lag=lag)}["velocity lag"]
-    assert lag_of(told).seconds == SECONDS
-    assert told.mendable
-    assert "all runs" in told.sentence
-    assert check.sentence != told.sentence
+    check = checks_by_name(quiet, container)["velocity lag"]
+    common = {one.name: one for one in ps.trial_checks(quiet, container, lag=lag)}["velocity lag"]
+    assert lag_of(common).seconds == SECONDS
+    assert common.mendable
+    assert "all runs" in common.sentence
+    assert check.sentence != common.sentence
 
 
 def test_a_lag_shorter_than_matters_is_left_alone(runs, container):
     L_over_U = container.particulars.L / container.particulars.nominal_speed
     short = late_earth(runs[0], 0.5 * LAG * L_over_U)
-    assert found(short, container)["velocity lag"].verdict == "good"
+    assert checks_by_name(short, container)["velocity lag"].verdict == "good"
 
 
 def test_a_lag_shorter_than_a_sample_is_left_alone(runs, container):
-    """Half a second is told at 5 Hz; at 1 Hz the interpolation between samples is as far off."""
+    """Half a second is resolved at 5 Hz; at 1 Hz the interpolation between samples is as far off."""
     late = late_earth(runs[0], 0.5)
-    assert found(late, container)["velocity lag"].verdict == "doubtful"
-    assert found(late.isel(time=slice(None, None, 5)), container)["velocity lag"].verdict == "good"
+    assert checks_by_name(late, container)["velocity lag"].verdict == "doubtful"
+    assert checks_by_name(late.isel(time=slice(None, None, 5)), container)["velocity lag"].verdict == "good"
 
 
 @pytest.mark.parametrize("error", [0.05, 0.1, 0.4])
 def test_the_error_of_a_common_lag_is_that_of_a_mean(error):
-    """Of runs told equally well: from their scatter where that is larger than the error of each, else from that."""
+    """Of runs of equal error: from their scatter where that is larger than the error of each, else from that."""
     seconds = np.array([0.6, 0.7, 0.95, 0.75])
-    lag = common_lag([(told(value, error),) for value in seconds])
+    lag = common_lag([(lag_check_of(value, error),) for value in seconds])
     assert lag.seconds == pytest.approx(seconds.mean(), rel=1e-12)
     assert lag.error == pytest.approx(max(seconds.std(ddof=1), error) / 2.0, rel=1e-9)
 
 
-def told(seconds, error):
-    """Check that has found such a lag."""
+def lag_check_of(seconds, error):
+    """Check with such a lag."""
     numbers = [("lag", seconds), ("standard error", error), ("misfit", 1.0)]
     values = ((f"{name}, {kind}", value, "") for kind in READINGS for name, value in numbers)
     return Check(NAME, "doubtful", "", tuple(values), mendable=True)

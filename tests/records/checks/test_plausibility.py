@@ -1,4 +1,4 @@
-"""A record that is no ship's, or not this ship's, is told without a track; the piece that models hold is found."""
+"""A record of no ship, or of another ship, is refused without a track; the longest piece that models cover."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.records.checks.plausibility import DRIFT, _faults, piece_check
 from pymc_ship.records.checks.verdicts import SLOW, ship_blocks, ship_scale
-from tests.records.checks.cases import alarms, changed, found, noisy, simulated
+from tests.records.checks.cases import alarms, changed, checks_by_name, noisy, simulated
 
 
 def trackless(trial):
@@ -70,48 +70,48 @@ def test_a_sound_record_of_a_ship_is_plausible(ship, manoeuvre):
     vessel = ps.load_vessel(ship)
     trial = noisy(simulated(vessel, manoeuvre, duration=600.0))
     for known in (vessel, None):
-        checks = found(trackless(trial), known)
+        checks = checks_by_name(trackless(trial), known)
         assert checks["plausibility"].verdict == "good"
         assert checks["motion ahead"].verdict == "good"
 
 
 @pytest.mark.parametrize(("wrong", "verdict", "words"), RECORDS.values(), ids=RECORDS)
 def test_a_wrong_record_is_told_and_explained_without_a_track(record, container, wrong, verdict, words):
-    check = found(wrong(record), container)["plausibility"]
+    check = checks_by_name(wrong(record), container)["plausibility"]
     assert check.verdict == verdict
     assert words in check.sentence
 
 
 @pytest.mark.parametrize(("particulars", "verdict", "words"), FILES.values(), ids=FILES)
 def test_a_wrong_vessel_file_is_told_and_explained(record, container, particulars, verdict, words):
-    check = found(record, of_file(**particulars)(container))["plausibility"]
+    check = checks_by_name(record, of_file(**particulars)(container))["plausibility"]
     assert check.verdict == verdict
     assert words in check.sentence
 
 
 def test_the_explanation_says_how_far_it_fits(record, container):
-    sound = found(record, container)["plausibility"]
-    sentence = found(scaled(record, u=1.944, v=1.944), container)["plausibility"].sentence
+    sound = checks_by_name(record, container)["plausibility"]
+    sentence = checks_by_name(scaled(record, u=1.944, v=1.944), container)["plausibility"].sentence
     after = float(sentence.split("the speed is ")[-1].split()[0])
     assert after == pytest.approx(1.944 * 0.514444 * sound.value("speed"), rel=2e-3)
 
 
 def test_what_no_mistake_explains_is_said_to_be_so(record, container):
     wrong = scaled(swapped(record, "u", "v"), r=57.3)
-    sentence = found(wrong, container)["plausibility"].sentence
+    sentence = checks_by_name(wrong, container)["plausibility"].sentence
     assert "No single mistake" in sentence
 
 
 def test_swapped_roll_columns_are_told(record, container):
-    check = found(swapped(record, "p", "phi"), container)["roll rate"]
+    check = checks_by_name(swapped(record, "p", "phi"), container)["roll rate"]
     assert check.verdict == "bad"
     assert "swapped" in check.sentence
 
 
 def test_a_record_of_another_scale_is_judged_by_the_vessel_alone(container, record):
     model = at_scale(record, 45.0)
-    assert found(model, container)["rudder rate"].verdict == "doubtful"
-    assert "plausibility" not in alarms(found(model))
+    assert checks_by_name(model, container)["rudder rate"].verdict == "doubtful"
+    assert "plausibility" not in alarms(checks_by_name(model))
 
 
 def from_rest(trial, seconds):
@@ -123,7 +123,7 @@ def from_rest(trial, seconds):
 
 def test_a_record_from_rest_is_cut_to_the_piece_that_models_hold(container):
     trial = from_rest(trackless(simulated(container, ps.zigzag(20.0, 20.0))), 60.0)
-    check = found(trial, container)["motion ahead"]
+    check = checks_by_name(trial, container)["motion ahead"]
     assert (check.verdict, check.mendable) == ("doubtful", True)
     piece = ps.validated_trial(trial, container)
     U = np.hypot(piece["u"], piece["v"])

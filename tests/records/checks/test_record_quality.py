@@ -1,4 +1,4 @@
-"""Sampling, noise, spikes, gaps and still sensors: each is told, and mended where it can be."""
+"""Sampling, noise, spikes, gaps and frozen sensors: each is reported, and corrected where possible."""
 
 from __future__ import annotations
 
@@ -7,7 +7,16 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.records.checks.record_quality import spikes
-from tests.records.checks.cases import INTERVAL, alarms, changed, found, noisy, simulated, steered, with_samples
+from tests.records.checks.cases import (
+    INTERVAL,
+    alarms,
+    changed,
+    checks_by_name,
+    noisy,
+    simulated,
+    steered,
+    with_samples,
+)
 
 
 def wrapped(trial):
@@ -16,14 +25,14 @@ def wrapped(trial):
 
 @pytest.mark.parametrize(("every", "verdict"), [(1, "good"), (5, "good"), (15, "doubtful"), (30, "bad")])
 def test_the_sampling_is_judged_by_the_ship(zigzag, container, every, verdict):
-    checks = found(zigzag.isel(time=slice(None, None, every)), container)
+    checks = checks_by_name(zigzag.isel(time=slice(None, None, every)), container)
     assert checks["sampling"].verdict == verdict
     assert checks["sampling"].value("interval") == pytest.approx(INTERVAL * every)
 
 
 def test_a_rudder_that_jumps_between_samples_is_doubted(container):
     trial = noisy(steered(container, rate_limited=False)).isel(time=slice(None, None, 5))
-    checks = found(trial, container)
+    checks = checks_by_name(trial, container)
     assert alarms(checks) == {"sampling"}
     assert "of its range between samples" in checks["sampling"].sentence
     assert "an ordered angle" in checks["sampling"].sentence
@@ -33,7 +42,9 @@ def test_a_rudder_that_jumps_between_samples_is_doubted(container):
 def test_a_gear_that_moves_within_a_few_samples_asks_for_more_of_them():
     """2.35 deg/s, 20 deg from side to side, at 3 s: a gear as ships have it."""
     vessel = ps.load_vessel("kvlcc2")
-    check = found(ps.simulate(vessel, ps.zigzag(10.0, 10.0), duration=600.0, record_interval=3.0), vessel)["sampling"]
+    check = checks_by_name(ps.simulate(vessel, ps.zigzag(10.0, 10.0), duration=600.0, record_interval=3.0), vessel)[
+        "sampling"
+    ]
     assert check.verdict == "doubtful"
     assert check.sentence.endswith("of its range between samples; sample faster.")
 
@@ -42,7 +53,7 @@ def test_a_gear_that_moves_within_a_few_samples_asks_for_more_of_them():
 def test_noise_is_judged_by_the_spread_of_its_channel(zigzag, container, share, verdict):
     v = zigzag["v"].values
     v = v + share * v.std() * np.random.default_rng(3).standard_normal(v.size)
-    checks = found(changed(zigzag, v=v), container)
+    checks = checks_by_name(changed(zigzag, v=v), container)
     assert checks["noise"].verdict == verdict
     assert checks["noise"].value("sd v") == pytest.approx(share * zigzag["v"].values.std(), rel=0.1)
 
@@ -51,7 +62,7 @@ def test_noise_is_judged_by_the_spread_of_its_channel(zigzag, container, share, 
 def test_a_coarse_channel_is_told(container, step, verdict):
     trial = simulated(container, ps.zigzag(20.0, 20.0))
     size = step * np.ptp(trial["v"].values)
-    check = found(changed(trial, v=size * np.rint(trial["v"].values / size)), container)["resolution"]
+    check = checks_by_name(changed(trial, v=size * np.rint(trial["v"].values / size)), container)["resolution"]
     assert check.verdict == verdict
     assert verdict == "good" or "v has" in check.sentence
 
@@ -74,7 +85,7 @@ def test_spikes_are_found_told_and_mended(zigzag, container):
 
 def test_many_spikes_are_a_broken_sensor(zigzag, container):
     trial = with_samples(zigzag, "r", np.arange(5, 2000, 20), 0.2)
-    assert found(trial, container)["spikes"].verdict == "bad"
+    assert checks_by_name(trial, container)["spikes"].verdict == "bad"
 
 
 def test_white_noise_steps_and_corners_have_no_spikes(zigzag):
@@ -97,7 +108,7 @@ def test_a_heading_that_wraps_is_unwrapped(circle, container):
 
 def test_a_heading_that_jumps_by_less_than_a_turn_does_not_wrap(circle, container):
     jumped = with_samples(circle, "psi", slice(1000, None), circle["psi"].values[1000:] + np.deg2rad(250.0))
-    check = found(jumped, container)["heading wraps"]
+    check = checks_by_name(jumped, container)["heading wraps"]
     assert (check.verdict, check.value("jumps")) == ("good", 0.0)
 
 
@@ -105,28 +116,28 @@ def test_equal_values_of_a_rounded_channel_are_not_frozen(container):
     """A speed shown in steps of 0.01 m/s stays for seconds; one that stays for L/U stands still all the same."""
     trial = simulated(container, ps.zigzag(20.0, 20.0))
     rounded = changed(trial, u=0.01 * np.rint(trial["u"].values / 0.01))
-    assert found(rounded, container)["frozen channels"].verdict == "good"
+    assert checks_by_name(rounded, container)["frozen channels"].verdict == "good"
     stuck = with_samples(rounded, "u", slice(500, 700), rounded["u"].values[500])
-    assert found(stuck, container)["frozen channels"].verdict == "bad"
+    assert checks_by_name(stuck, container)["frozen channels"].verdict == "bad"
 
 
 @pytest.mark.parametrize(("seconds", "verdict"), [(2.0, "good"), (10.0, "doubtful"), (40.0, "bad")])
 def test_a_sensor_that_stands_still_is_found(zigzag, container, seconds, verdict):
     where = slice(500, 500 + round(seconds / INTERVAL))
-    checks = found(with_samples(zigzag, "u", where, zigzag["u"].values[500]), container)
+    checks = checks_by_name(with_samples(zigzag, "u", where, zigzag["u"].values[500]), container)
     assert checks["frozen channels"].verdict == verdict
     if verdict != "good":
         assert checks["frozen channels"].value("frozen, u") == pytest.approx(seconds, abs=INTERVAL)
 
 
 def test_a_channel_that_never_changes_is_bad(zigzag, container):
-    assert found(changed(zigzag, v=0.0 * zigzag["v"].values), container)["frozen channels"].verdict == "bad"
+    assert checks_by_name(changed(zigzag, v=0.0 * zigzag["v"].values), container)["frozen channels"].verdict == "bad"
 
 
 def test_gaps_that_the_reading_told_of_are_passed_on(zigzag):
-    told = "Comma separated.\n2 gaps of up to 3 samples: 4 filled by interpolation."
-    check = found(zigzag.assign_attrs(reading=told))["gaps"]
+    reading = "Comma separated.\n2 gaps of up to 3 samples: 4 filled by interpolation."
+    check = checks_by_name(zigzag.assign_attrs(reading=reading))["gaps"]
     assert check.verdict == "doubtful"
     assert check.sentence.startswith("2 gaps of up to 3 samples")
-    assert found(zigzag.assign_attrs(reading="Comma separated."))["gaps"].verdict == "good"
-    assert found(zigzag)["gaps"].verdict == "not checked"
+    assert checks_by_name(zigzag.assign_attrs(reading="Comma separated."))["gaps"].verdict == "good"
+    assert checks_by_name(zigzag)["gaps"].verdict == "not checked"

@@ -1,4 +1,4 @@
-"""The zero, rate and delay of the rudder: measured, mended or told."""
+"""The zero, rate and delay of the rudder: measured, corrected or reported."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from tests.records.checks.cases import INTERVAL, alarms, changed, found, noisy, steered
+from tests.records.checks.cases import INTERVAL, alarms, changed, checks_by_name, noisy, steered
 
 
 def test_the_rudders_zero_is_mended_where_approach_and_zigzag_agree(container, approached):
@@ -21,11 +21,11 @@ def test_the_rudders_zero_is_mended_where_approach_and_zigzag_agree(container, a
 
 
 def test_a_rudder_that_holds_the_ship_straight_is_told_and_not_mended(container):
-    """An approach with 1 deg of rudder, as a ship needs whose propeller turns her."""
+    """An approach with 1 deg of rudder, as a ship needs whose propeller turns it."""
     trial = changed(noisy(steered(container, first=0.0)))
     delta = trial["delta"].values.copy()
     delta[trial["time"].values <= 40.0] = np.deg2rad(-0.8)
-    checks = found(changed(trial, delta=delta), container)
+    checks = checks_by_name(changed(trial, delta=delta), container)
     assert checks["rudder zero"].verdict == "doubtful"
     assert not checks["rudder zero"].mendable
     assert checks["rudder zero"].value("on the approach") == pytest.approx(-0.8)
@@ -34,7 +34,7 @@ def test_a_rudder_that_holds_the_ship_straight_is_told_and_not_mended(container)
 def test_an_approach_on_which_the_ship_turns_tells_no_zero(container):
     """Five degrees of rudder for 40 s are helm."""
     runs = (noisy(steered(container, first=first)).sel(time=slice(10.0, None)) for first in (5.0, 0.0))
-    turning, straight = (found(run, container)["rudder zero"] for run in runs)
+    turning, straight = (checks_by_name(run, container)["rudder zero"] for run in runs)
     assert np.isnan(turning.value("on the approach"))
     assert turning.value("between the sides of the zigzag") == pytest.approx(0.0, abs=0.1)
     assert straight.value("on the approach") == pytest.approx(0.0, abs=0.1)
@@ -43,18 +43,18 @@ def test_an_approach_on_which_the_ship_turns_tells_no_zero(container):
 @pytest.mark.parametrize("run", ["zigzag", "circle", "approached"])
 def test_the_rudder_rate_is_that_of_the_vessel_or_told(request, container, run):
     trial = request.getfixturevalue(run)
-    check = found(trial, container)["rudder rate"]
+    check = checks_by_name(trial, container)["rudder rate"]
     assert (check.verdict, check.value("rudder rate")) == ("good", pytest.approx(2.3, rel=0.05))
     slow = replace(container, particulars=replace(container.particulars, rudder_rate_deg=5.0))
-    assert found(trial, slow)["rudder rate"].verdict == "doubtful"
-    assert found(trial)["rudder rate"].verdict == "not checked"
+    assert checks_by_name(trial, slow)["rudder rate"].verdict == "doubtful"
+    assert checks_by_name(trial)["rudder rate"].verdict == "not checked"
 
 
 @pytest.mark.parametrize("delay", [0.0, 1.0, 3.0])
 def test_the_delay_behind_the_command_is_measured(container, approached, delay):
     time = approached["time"].values + delay
     command = np.where(time < 40.1, 0.0, np.where((time - 40.1) // 50.0 % 2 == 0.0, 1.0, -1.0) * np.deg2rad(15.0))
-    check = found(approached.assign(delta_command=("time", command)), container)["rudder delay"]
+    check = checks_by_name(approached.assign(delta_command=("time", command)), container)["rudder delay"]
     assert check.verdict == "good"
     assert check.value("delay") == pytest.approx(delay, abs=2.0 * INTERVAL)
 
@@ -62,7 +62,7 @@ def test_the_delay_behind_the_command_is_measured(container, approached, delay):
 def test_a_command_later_than_the_rudder_has_a_negative_delay(container, approached):
     time = approached["time"].values - 3.0
     command = np.where(time < 40.1, 0.0, np.where((time - 40.1) // 50.0 % 2 == 0.0, 1.0, -1.0) * np.deg2rad(15.0))
-    check = found(approached.assign(delta_command=("time", command)), container)["rudder delay"]
+    check = checks_by_name(approached.assign(delta_command=("time", command)), container)["rudder delay"]
     assert check.verdict == "doubtful"
     assert check.value("delay") == pytest.approx(-3.0, abs=2.0 * INTERVAL)
 
@@ -70,10 +70,12 @@ def test_a_command_later_than_the_rudder_has_a_negative_delay(container, approac
 @pytest.mark.parametrize(("given", "words"), [(5.0, "steered by hand"), (1.0, "a gear quicker")])
 def test_a_rudder_that_is_slower_or_quicker_than_its_file_is_explained(zigzag, container, given, words):
     vessel = replace(container, particulars=replace(container.particulars, rudder_rate_deg=given))
-    assert words in found(zigzag, vessel)["rudder rate"].sentence
+    assert words in checks_by_name(zigzag, vessel)["rudder rate"].sentence
 
 
 def test_a_command_that_comes_after_the_rudder_is_doubted(container, approached):
     command = np.roll(approached["delta"].values, 100)
-    check = found(approached.assign(delta_command=("time", np.sign(command) * 0.26)), container)["rudder delay"]
+    check = checks_by_name(approached.assign(delta_command=("time", np.sign(command) * 0.26)), container)[
+        "rudder delay"
+    ]
     assert check.verdict in ("doubtful", "not checked")

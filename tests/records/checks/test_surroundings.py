@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from tests.records.checks.cases import found
+from tests.records.checks.cases import checks_by_name
 from tests.sentences import refused
 
 WIND = 8.0
@@ -45,39 +45,39 @@ def blown(trial, reading, rng=None):
 
 
 def test_revolutions_of_the_propeller_are_good(tanker, circle):
-    check = found(with_n(circle, tanker.propeller.n), tanker)["revolutions"]
+    check = checks_by_name(with_n(circle, tanker.propeller.n), tanker)["revolutions"]
     assert check.verdict == "good"
     assert 0.1 < check.value("advance number") < 0.6
 
 
 def test_revolutions_in_one_over_minutes_are_named(tanker, circle):
-    check = found(with_n(circle, 60.0 * tanker.propeller.n), tanker)["revolutions"]
+    check = checks_by_name(with_n(circle, 60.0 * tanker.propeller.n), tanker)["revolutions"]
     assert check.verdict == "bad"
     assert "Probably n is in 1/min: state its unit." in check.sentence
 
 
 def test_revolutions_of_another_propeller_are_bad(tanker, circle):
-    check = found(with_n(circle, 0.01 * tanker.propeller.n), tanker)["revolutions"]
+    check = checks_by_name(with_n(circle, 0.01 * tanker.propeller.n), tanker)["revolutions"]
     assert (check.verdict, "Check the unit of n and D of the vessel file." in check.sentence) == ("bad", True)
 
 
 def test_missing_revolutions_are_doubtful(tanker, circle):
     n = np.full(circle.sizes["time"], tanker.propeller.n)
     n[:180] = np.nan
-    check = found(with_n(circle, n), tanker)["revolutions"]
+    check = checks_by_name(with_n(circle, n), tanker)["revolutions"]
     assert check.verdict == "doubtful"
     assert "missing in 10 % of the record" in check.sentence
 
 
 @pytest.mark.parametrize("n", [None, -1.5, 0.0])
 def test_revolutions_that_tell_nothing_are_not_checked(tanker, circle, n):
-    check = found(circle if n is None else with_n(circle, n), tanker)["revolutions"]
+    check = checks_by_name(circle if n is None else with_n(circle, n), tanker)["revolutions"]
     assert check.verdict == "not checked"
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_true_wind_is_good(tanker, circle, seed):
-    check = found(blown(circle, "true", np.random.default_rng(seed)), tanker)["wind"]
+    check = checks_by_name(blown(circle, "true", np.random.default_rng(seed)), tanker)["wind"]
     assert check.verdict == "good"
 
 
@@ -85,13 +85,13 @@ def test_a_wind_that_one_number_states_is_good(tanker, circle):
     """It does not vary at all, and no reading of it varies less."""
     steady = circle.assign(wind_speed=("time", np.full(circle.sizes["time"], 10.0)))
     steady = steady.assign(wind_direction=("time", np.full(circle.sizes["time"], 1.0)))
-    assert found(steady, tanker)["wind"].verdict == "good"
+    assert checks_by_name(steady, tanker)["wind"].verdict == "good"
 
 
 @pytest.mark.parametrize("reading", ["relative", "relative, from north", "from the bow"])
 def test_another_wind_that_is_declared_true_is_bad(tanker, circle, reading):
     trial = blown(circle, reading, np.random.default_rng(1))
-    check = found(trial, tanker)["wind"]
+    check = checks_by_name(trial, tanker)["wind"]
     assert check.verdict == "bad"
     with refused(ps.TrialError, "wind"):
         ps.validated_trial(trial, tanker)
@@ -99,10 +99,10 @@ def test_another_wind_that_is_declared_true_is_bad(tanker, circle, reading):
 
 def test_on_one_course_the_wind_is_not_checked(tanker):
     straight = ps.simulate(tanker, ps.zigzag(5, 5), duration=300, step=0.5)
-    assert found(blown(straight, "relative"), tanker)["wind"].verdict == "not checked"
+    assert checks_by_name(blown(straight, "relative"), tanker)["wind"].verdict == "not checked"
 
 
 def test_a_wind_with_gaps_is_doubtful(tanker, circle):
     trial = blown(circle, "true", np.random.default_rng(1))
     trial["wind_speed"].values[5] = np.nan
-    assert found(trial, tanker)["wind"].verdict == "doubtful"
+    assert checks_by_name(trial, tanker)["wind"].verdict == "doubtful"

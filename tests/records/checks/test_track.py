@@ -17,7 +17,7 @@ def clean(container):
     return simulated(container, ps.zigzag(20.0, 20.0))
 
 
-def sailed(trial):
+def with_own_track(trial):
     """Trial with the track of its own velocities."""
     x, y = (integral(values, INTERVAL) for values in earth_velocity(trial))
     return changed(trial, x=x, y=y)
@@ -33,16 +33,16 @@ def test_the_misfit_is_the_rms_of_the_velocity_that_is_missing(clean, container)
 
 @pytest.mark.parametrize(("arm", "side"), [(20.0, "aft"), (-20.0, "forward")])
 def test_the_lever_arm_of_a_ship_that_heels_is_its_length(clean, container, arm, side):
-    heeled = sailed(changed(clean, phi=np.full(clean.sizes["time"], 0.5)))
+    heeled = with_own_track(changed(clean, phi=np.full(clean.sizes["time"], 0.5)))
     trial = changed(heeled, v=heeled["v"].values - arm * heeled["r"].values)
     check = lever_check(trial, ship_scale(trial, container))
     assert check.value("lever arm") == pytest.approx(arm, rel=1e-3)
     assert f"20 m {side} of" in check.sentence
 
 
-def test_a_speed_log_of_another_scale_and_a_current_are_told_by_their_size(clean, container):
+def test_a_speed_log_of_another_scale_and_a_current_are_separated_by_their_size(clean, container):
     """The log shows 5 % too little, and the track is carried to the east."""
-    true = sailed(clean)
+    true = with_own_track(clean)
     drifting = changed(true, y=true["y"].values + 0.4 * true["time"].values)
     trial = changed(drifting, u=0.95 * true["u"].values, v=0.95 * true["v"].values)
     check = drift_check(trial, ship_scale(trial, container))
@@ -53,13 +53,13 @@ def test_a_speed_log_of_another_scale_and_a_current_are_told_by_their_size(clean
 
 
 @pytest.mark.parametrize("seconds", [100.0, 400.0])
-def test_a_drift_is_judged_by_the_length_or_by_the_distance_sailed(clean, container, seconds):
+def test_a_drift_is_compared_with_the_length_or_the_distance(clean, container, seconds):
     """By that which allows more: the length in a short record, the distance in a long one."""
-    whole = sailed(clean)
+    whole = with_own_track(clean)
     trial = whole.sel(time=slice(0.0, seconds))
     time, L = trial["time"].values, container.particulars.L
     distance = float(np.hypot(np.diff(trial["x"]), np.diff(trial["y"])).sum())
-    allowed = [share * size for share, size in zip(DRIFT_GOOD, (L, distance), strict=True)]
+    allowed = [fraction * size for fraction, size in zip(DRIFT_GOOD, (L, distance), strict=True)]
     assert (allowed[1] > 1.3 * allowed[0]) == (seconds > 300.0)
     for drift, verdict in ((np.mean(allowed), "good"), (1.3 * max(allowed), "doubtful")):
         carried = changed(trial, y=trial["y"].values + drift * time / seconds)

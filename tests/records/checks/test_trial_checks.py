@@ -13,7 +13,7 @@ from pymc_ship.records.checks.trial_checks import check_table, failed_checks
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.quality_flags import VERDICTS
 from pymc_ship.trial.channels import SIMULATED
-from tests.records.checks.cases import alarms, changed, found, lever, noisy, offset, simulated, units
+from tests.records.checks.cases import alarms, changed, checks_by_name, lever, noisy, offset, simulated, units
 
 # without a fault
 
@@ -27,38 +27,38 @@ def test_a_clean_noisy_trial_raises_no_alarm(request, ship, turn):
     clean = simulated(vessel, manoeuvre)
     assert not clean["diverged"]
     for seed in range(10):
-        checks = found(noisy(clean, seed), vessel if seed < 7 else None)
+        checks = checks_by_name(noisy(clean, seed), vessel if seed < 7 else None)
         assert alarms(checks) == set()
         assert not any(check.mendable for check in checks.values())
 
 
 def test_a_record_without_noise_raises_no_alarm(container, approached):
     for manoeuvre in (ps.zigzag(10.0, 10.0, side="starboard"), ps.turning_circle(35.0, side="starboard")):
-        checks = found(simulated(container, manoeuvre), container)
+        checks = checks_by_name(simulated(container, manoeuvre), container)
         assert alarms(checks) == set()
-    assert alarms(found(approached, container)) == set()
-    assert found(approached, container)["approach"].verdict == "good"
-    assert found(approached, container)["rudder zero"].verdict == "good"
+    assert alarms(checks_by_name(approached, container)) == set()
+    assert checks_by_name(approached, container)["approach"].verdict == "good"
+    assert checks_by_name(approached, container)["rudder zero"].verdict == "good"
 
 
 def test_every_check_of_a_full_record_is_made(approached, container):
     trial = approached.assign(delta_command=approached["delta"]).assign_attrs(reading="comma")
-    left = {name for name, check in found(trial, container).items() if check.verdict == "not checked"}
+    left = {name for name, check in checks_by_name(trial, container).items() if check.verdict == "not checked"}
     assert left == {"rudder delay", "revolutions", "wind"}
 
 
 @pytest.mark.parametrize("name", ["u", "v", "r", "p", "phi", "psi", "x", "y", "delta"])
-def test_checks_that_lack_a_channel_say_so(zigzag, container, name):
-    checks = found(zigzag.drop_vars(name), container)
+def test_checks_that_lack_a_channel_name_it(zigzag, container, name):
+    checks = checks_by_name(zigzag.drop_vars(name), container)
     assert alarms(checks) == set()
-    told = [check.sentence for check in checks.values() if check.verdict == "not checked"]
-    assert any(name in sentence for sentence in told) or name == "phi"
+    sentences = [check.sentence for check in checks.values() if check.verdict == "not checked"]
+    assert any(name in sentence for sentence in sentences) or name == "phi"
 
 
 @pytest.mark.parametrize("names", [["delta"], ["u"], ["x", "y"], ["psi", "r"], ["u", "v", "r", "delta"]])
 def test_records_of_few_channels_are_checked(zigzag, container, names):
     for vessel in (container, None):
-        assert alarms(found(zigzag[names], vessel)) == set()
+        assert alarms(checks_by_name(zigzag[names], vessel)) == set()
 
 
 # spoilt records
@@ -66,7 +66,7 @@ def test_records_of_few_channels_are_checked(zigzag, container, names):
 
 @pytest.mark.parametrize("seed", range(14))
 def test_spoilt_records_end_in_verdicts(zigzag, container, seed):
-    """Channels left out, scaled, rounded, shifted, replaced by noise or held, at random: no crash, no NaN told."""
+    """Channels left out, scaled, rounded, shifted, noisy or frozen, at random: no crash, no NaN in sentences."""
     rng = np.random.default_rng(seed)
     names = rng.choice(SIMULATED, rng.integers(1, 10), replace=False).tolist()
     trial = zigzag[names].isel(time=slice(0, int(rng.choice([20, 60, 2000]))))
@@ -102,17 +102,17 @@ def test_the_command_prints_verdicts_and_writes_the_corrected_trial(tmp_path, ca
     assert last in (tmp_path / "corrected.csv").read_text().splitlines()[1]
 
 
-def test_the_command_says_what_a_trial_is_recognised_as_and_what_is_not_modelled(tmp_path, capsys, zigzag):
+def test_the_command_prints_the_recognised_manoeuvre_and_what_is_not_modelled(tmp_path, capsys, zigzag):
     programme = ps.rudder_programme(np.arange(0.0, 400.0, 40.0), np.deg2rad([20, -10, 15, -20, 5, 20, 0, -15, 10, -20]))
     other = ps.simulate(ps.load_vessel("container"), programme, duration=400.0, record_interval=0.2)
     cases = (
         (other, "It is not recognised as a zigzag, a turning circle or a pull out: "),
         (zigzag, "The trial is recognised as a zigzag 20/20 port."),
     )
-    for trial, told in cases:
+    for trial, sentence in cases:
         ps.write_trial(trial, tmp_path / "trial.csv")
         assert main(["check", str(tmp_path / "trial.csv"), "--vessel", "container", "--quiet"]) == 0
-        assert capsys.readouterr().out.splitlines()[-1].startswith(told)
+        assert capsys.readouterr().out.splitlines()[-1].startswith(sentence)
     assert main(["check", str(tmp_path / "trial.csv"), "--vessel", "kvlcc2", "--quiet"]) == 0
     assert "\nThe record has roll rate p and roll angle φ, but the vessel file has no" in capsys.readouterr().out
 

@@ -139,8 +139,8 @@ def test_ramp_does_not_ring_at_the_ends(slope):
     errors = {"reflect": [], "periodic": []}
     for seed in range(5):
         observed = ramp + np.random.default_rng(seed).normal(size=ramp.size)
-        for boundary, found in errors.items():
-            found.append((denoise_signal(observed, "sym8", boundary=boundary) - ramp)[ends])
+        for boundary, end_errors in errors.items():
+            end_errors.append((denoise_signal(observed, "sym8", boundary=boundary) - ramp)[ends])
     assert rms(np.array(errors["reflect"])) < 0.2  # noise standard deviations
     assert rms(np.array(errors["periodic"])) > 0.4
 

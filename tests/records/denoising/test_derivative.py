@@ -12,10 +12,10 @@ from tests.sentences import refused
 def test_euler_difference_gives_back_the_rate_of_an_euler_record():
     rate = np.random.default_rng(5).normal(size=(3, 200))
     values = np.cumsum(np.concatenate([np.zeros((3, 1)), 0.25 * rate], axis=1), axis=1)
-    found = derivative(values, 0.25, "euler")
-    assert found.shape == values.shape
-    assert np.abs(found[:, :-1] - rate).max() < 1e-12
-    assert np.array_equal(found[:, -1], found[:, -2])
+    result = derivative(values, 0.25, "euler")
+    assert result.shape == values.shape
+    assert np.abs(result[:, :-1] - rate).max() < 1e-12
+    assert np.array_equal(result[:, -1], result[:, -2])
 
 
 @pytest.mark.parametrize(("method", "order"), [("euler", 1.0), ("central", 2.0), ("savgol", 4.0)])
@@ -34,8 +34,8 @@ def test_order_of_a_derivative(method, order):
 def test_polynomial_is_differentiated_exactly_up_to_the_ends(method, degree):
     time = 0.02 * np.arange(400)
     polynomial = np.polynomial.Polynomial([1.0, -2.0, 0.5, 0.3][: degree + 1])
-    found = derivative(np.stack([polynomial(time), -polynomial(time)]), 0.02, method)
-    assert np.abs(found - np.array([[1.0], [-1.0]]) * polynomial.deriv()(time)).max() < 1e-8
+    result = derivative(np.stack([polynomial(time), -polynomial(time)]), 0.02, method)
+    assert np.abs(result - np.array([[1.0], [-1.0]]) * polynomial.deriv()(time)).max() < 1e-8
     beyond = derivative(time ** (degree + 1), 0.02, method)
     assert np.abs(beyond - (degree + 1) * time**degree).max() > 1e-5
 

@@ -19,8 +19,8 @@ NOMINAL = 0.9
 N_DRAWS = 200
 
 
-def held(truth, drawn):
-    """Share of the truth that pointwise equal-tailed intervals hold."""
+def covered_fraction(truth, drawn):
+    """Fraction of the truth inside pointwise equal-tailed intervals."""
     low, high = np.quantile(drawn, [0.5 - 0.5 * NOMINAL, 0.5 + 0.5 * NOMINAL], axis=0)
     return float(np.mean((low <= truth) & (truth <= high)))
 
@@ -32,14 +32,14 @@ def narrowed(drawn, factor):
 
 
 def coverage(name, *, translation_invariant):
-    """Mean shares over four records of a classic signal: as drawn, and with half the standard deviation."""
-    shares = []
+    """Mean coverage over four records of a classic signal: as drawn, and with half the standard deviation."""
+    fractions = []
     for seed in range(4):
         rng, truth = np.random.default_rng(seed), classic(name)
         noisy = truth + rng.normal(size=truth.size)
         drawn = ps.denoise_signal_draws(noisy, translation_invariant=translation_invariant, draws=N_DRAWS, rng=rng)
-        shares.append([held(truth, drawn), held(truth, narrowed(drawn, 0.5))])
-    return np.mean(shares, axis=0)
+        fractions.append([covered_fraction(truth, drawn), covered_fraction(truth, narrowed(drawn, 0.5))])
+    return np.mean(fractions, axis=0)
 
 
 # the kernel
@@ -52,8 +52,8 @@ def test_draws_of_a_mean_have_its_posterior_mean_median_and_weight(prior, weight
     """Within four standard errors of 40 000 draws; the moments come from the closed forms, which R's numbers check."""
     n, scale = 40_000, 0.7
     drawn = posterior_draw(np.full(n, x), weight, prior, scale, rng=np.random.default_rng(5))
-    share = float(posterior_weight(x, weight, prior, scale))
-    assert abs(np.mean(drawn != 0.0) - share) <= 4.0 * np.sqrt(share * (1.0 - share) / n)
+    probability = float(posterior_weight(x, weight, prior, scale))
+    assert abs(np.mean(drawn != 0.0) - probability) <= 4.0 * np.sqrt(probability * (1.0 - probability) / n)
     mean, median = posterior_mean(x, weight, prior, scale), posterior_median(x, weight, prior, scale)
     assert abs(drawn.mean() - mean) <= 4.0 * drawn.std() / np.sqrt(n)
     for below in (drawn < median, drawn > median):
@@ -93,19 +93,19 @@ def _chi2(ranks):
 
 def test_the_mean_over_all_shifts_is_the_translation_invariant_estimate():
     noisy = classic("blocks")[:64] + np.random.default_rng(0).normal(size=64)
-    found = shrinkage(noisy, "signal", "sym4", "laplace", True, levels=2)
-    settings = [{"weight": weight, "scale": scale} for weight, scale in found.fitted]
+    shrunk = shrinkage(noisy, "signal", "sym4", "laplace", True, levels=2)
+    settings = [{"weight": weight, "scale": scale} for weight, scale in shrunk.fitted]
     estimates = []
     for shift in range(4):
-        approximation, details = wavelets.transform(np.roll(found.padded, -shift), found.filters, 2, False)
+        approximation, details = wavelets.transform(np.roll(shrunk.padded, -shift), shrunk.filters, 2, False)
         means = [
-            found.sdev * posterior_mean(detail / found.sdev, prior="laplace", **one)
+            shrunk.sdev * posterior_mean(detail / shrunk.sdev, prior="laplace", **one)
             for detail, one in zip(details, settings, strict=True)
         ]
-        smooth = np.roll(wavelets.inverse(approximation, means, found.filters, False), shift)
-        estimates.append(smooth[found.before : found.before + 64] + found.trend)
-    assert np.abs(np.mean(estimates, axis=0) - found.estimate("mean")).max() < 1e-12
-    assert np.abs(estimates[0] - found.estimate("mean")).max() > 0.1
+        smooth = np.roll(wavelets.inverse(approximation, means, shrunk.filters, False), shift)
+        estimates.append(smooth[shrunk.before : shrunk.before + 64] + shrunk.trend)
+    assert np.abs(np.mean(estimates, axis=0) - shrunk.estimate("mean")).max() < 1e-12
+    assert np.abs(estimates[0] - shrunk.estimate("mean")).max() > 0.1
 
 
 @pytest.mark.parametrize("translation_invariant", [True, False])
@@ -123,7 +123,7 @@ def test_intervals_cover_a_truth_drawn_from_the_prior():
 
     The finest level is noise alone, from which the noise is estimated.
     """
-    shares, halves = [], []
+    fractions, halves = [], []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         details = [np.where(rng.random(n) < 0.3, rng.laplace(scale=5.0, size=n), 0.0) for n in (64, 128, 256)]
@@ -133,25 +133,25 @@ def test_intervals_cover_a_truth_drawn_from_the_prior():
             *(truth + rng.standard_normal(1024), "sym4", "laplace", False),
             **{"draws": N_DRAWS, "rng": rng, "levels": 4, "boundary": "periodic"},
         )
-        shares.append(held(truth, drawn))
-        halves.append(held(truth, narrowed(drawn, 0.5)))
-    error = np.std(shares, ddof=1) / np.sqrt(len(shares))
-    assert abs(np.mean(shares) - NOMINAL) < 4.0 * error + 1.0 / N_DRAWS
+        fractions.append(covered_fraction(truth, drawn))
+        halves.append(covered_fraction(truth, narrowed(drawn, 0.5)))
+    error = np.std(fractions, ddof=1) / np.sqrt(len(fractions))
+    assert abs(np.mean(fractions) - NOMINAL) < 4.0 * error + 1.0 / N_DRAWS
     assert np.mean(halves) < NOMINAL - 10.0 * error
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_intervals_over_shifts_hold_at_least_what_they_say(name):
     """A mixture over shifts is wider than the error of its mean (Jensen): coverage 0.97 to 0.98 at a nominal 0.90."""
-    found, twin = coverage(name, translation_invariant=True)
-    assert found > NOMINAL > twin
+    fraction, twin = coverage(name, translation_invariant=True)
+    assert fraction > NOMINAL > twin
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_intervals_of_one_basis_hold_about_what_they_say(name):
     """Truths not drawn from the prior: coverage 0.90 to 0.97 at a nominal 0.90; steps and peaks are the worst."""
-    found, twin = coverage(name, translation_invariant=False)
-    assert NOMINAL - 0.03 < found < 0.99
+    fraction, twin = coverage(name, translation_invariant=False)
+    assert NOMINAL - 0.03 < fraction < 0.99
     assert twin < NOMINAL - 0.1
 
 

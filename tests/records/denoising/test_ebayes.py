@@ -45,11 +45,11 @@ def column(name: str, key: str) -> np.ndarray:
     return np.array([float(row[key]) for row in table(name)])
 
 
-def assert_true(found: np.ndarray, truth: np.ndarray) -> None:
+def assert_true(computed: np.ndarray, truth: np.ndarray) -> None:
     """Within 1e-10, relative where the truth exceeds 1; the same infinities."""
-    assert np.array_equal(np.isinf(found), np.isinf(truth))
+    assert np.array_equal(np.isinf(computed), np.isinf(truth))
     finite = np.isfinite(truth)
-    error = np.abs(found[finite] - truth[finite]) / np.maximum(1.0, np.abs(truth[finite]))
+    error = np.abs(computed[finite] - truth[finite]) / np.maximum(1.0, np.abs(truth[finite]))
     assert error.max() < TRUTH_TOLERANCE
 
 
@@ -81,29 +81,29 @@ def test_laplace_posterior_is_true(function, key):
     x, sdev, weight, scale = (column("truth_post_laplace", name) for name in ("x", "s", "w", "a"))
     truth = column("truth_post_laplace", key)
     unit = 1.0 if function is posterior_weight else sdev
-    found = unit * function(x / sdev, weight, "laplace", scale * sdev)
-    assert_true(found, truth)
-    assert np.array_equal(found == 0.0, truth == 0.0)
+    computed = unit * function(x / sdev, weight, "laplace", scale * sdev)
+    assert_true(computed, truth)
+    assert np.array_equal(computed == 0.0, truth == 0.0)
 
 
 @pytest.mark.parametrize(("function", "key"), [(posterior_median, "postmed"), (posterior_mean, "postmean")])
 def test_cauchy_posterior_is_true(function, key):
     x, weight, truth = (column("truth_post_cauchy", name) for name in ("x", "w", key))
-    found = function(x, weight, "cauchy")
-    assert_true(found, truth)
-    assert np.array_equal(found == 0.0, truth == 0.0)
+    computed = function(x, weight, "cauchy")
+    assert_true(computed, truth)
+    assert np.array_equal(computed == 0.0, truth == 0.0)
 
 
 def test_weight_of_a_threshold_is_true():
     rows = table("truth_wfromt")
     truth = column("truth_wfromt", "w")
-    found = np.array(
+    computed = np.array(
         [weight_from_threshold(float(row["t"]), row["prior"], 0.5 if row["prior"] == "cauchy" else float(row["a"]))
          for row in rows]
     )  # fmt: skip
     normal = truth > 1e-300
-    assert np.abs(found[normal] / truth[normal] - 1.0).max() < TRUTH_TOLERANCE  # relative even for 1e-279
-    assert (found[~normal] < 1e-300).all()
+    assert np.abs(computed[normal] / truth[normal] - 1.0).max() < TRUTH_TOLERANCE  # relative even for 1e-279
+    assert (computed[~normal] < 1e-300).all()
 
 
 def test_no_threshold_has_weight_1_but_zero():
@@ -115,8 +115,8 @@ def test_no_threshold_has_weight_1_but_zero():
 def test_threshold_of_a_weight_is_true(threshold, key):
     for row in table("truth_tfromw"):
         scale = 0.5 if row["prior"] == "cauchy" else float(row["a"])
-        found = threshold_from_weight(float(row["w"]), row["prior"], scale, threshold)
-        assert found == pytest.approx(float(row[key]), abs=TRUTH_TOLERANCE)
+        computed = threshold_from_weight(float(row["w"]), row["prior"], scale, threshold)
+        assert computed == pytest.approx(float(row[key]), abs=TRUTH_TOLERANCE)
 
 
 # Against R

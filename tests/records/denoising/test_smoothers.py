@@ -25,15 +25,15 @@ def gcv(signal, smoother, n_time):
 
 def test_savitzky_golay_is_that_of_scipy_at_the_window_of_least_gcv():
     signal = observed(150)
-    found = savitzky_golay(signal)
-    window = int(found.parameter)
-    assert np.abs(found.estimate - savgol_filter(signal, window, 3)).max() < 1e-12
+    result = savitzky_golay(signal)
+    window = int(result.parameter)
+    assert np.abs(result.estimate - savgol_filter(signal, window, 3)).max() < 1e-12
     scores = {
         w: gcv(signal, lambda y, w=w: savgol_filter(y, w, 3), 150) for w in (window // 2 | 1, window, 2 * window + 1)
     }
     assert min(scores, key=scores.get) == window
-    residual = np.sum((signal - found.estimate) ** 2)
-    assert scores[window] == pytest.approx(150 * found.sdev**4 / residual, rel=1e-9)  # the trace of the closed form
+    residual = np.sum((signal - result.estimate) ** 2)
+    assert scores[window] == pytest.approx(150 * result.sdev**4 / residual, rel=1e-9)  # the trace of the closed form
 
 
 def filtered(signal, cutoff):
@@ -45,13 +45,13 @@ def filtered(signal, cutoff):
 
 def test_low_pass_is_the_butterworth_filter_of_scipy_at_the_cutoff_of_least_gcv():
     signal = 3.0 + np.cos(np.linspace(0.0, 12.0 * np.pi, 400)) + 0.1 * np.random.default_rng(2).normal(size=400)
-    found = low_pass(signal)
-    assert np.abs(found.estimate - filtered(signal, found.parameter)).max() < 1e-3  # the frequency of scipy is warped
-    assert np.abs(found.estimate - filtered(signal, 1.15 * found.parameter)).max() > 3e-3
-    scores = [gcv(signal, lambda y, f=f: filtered(y, f), 400) for f in found.parameter * np.array([0.6, 1.0, 1.8])]
+    result = low_pass(signal)
+    assert np.abs(result.estimate - filtered(signal, result.parameter)).max() < 1e-3  # the frequency of scipy is warped
+    assert np.abs(result.estimate - filtered(signal, 1.15 * result.parameter)).max() > 3e-3
+    scores = [gcv(signal, lambda y, f=f: filtered(y, f), 400) for f in result.parameter * np.array([0.6, 1.0, 1.8])]
     assert np.argmin(scores) == 1
-    residual = np.sum((signal - found.estimate) ** 2)
-    assert scores[1] == pytest.approx(400 * found.sdev**4 / residual, rel=1e-3)
+    residual = np.sum((signal - result.estimate) ** 2)
+    assert scores[1] == pytest.approx(400 * result.sdev**4 / residual, rel=1e-3)
 
 
 def kalman_smoothed(signal, q):
@@ -74,40 +74,40 @@ def kalman_smoothed(signal, q):
 
 def test_the_rts_smoother_is_that_of_the_recursion():
     signal = observed(200)
-    found = rts(signal)
-    assert np.abs(found.estimate - kalman_smoothed(signal, found.parameter)).max() < 1e-6
-    assert np.abs(found.estimate - kalman_smoothed(signal, 2.0 * found.parameter)).max() > 1e-4
+    result = rts(signal)
+    assert np.abs(result.estimate - kalman_smoothed(signal, result.parameter)).max() < 1e-6
+    assert np.abs(result.estimate - kalman_smoothed(signal, 2.0 * result.parameter)).max() > 1e-4
 
 
 def test_q_is_that_of_the_largest_marginal_likelihood():
     """Of the second differences as one normal vector, with the variance at its own maximum."""
     signal = observed(200)
-    bends, found = np.diff(signal, 2), rts(signal)
+    bends, result = np.diff(signal, 2), rts(signal)
     D = np.diff(np.eye(200), 2, axis=0)
 
     def log_likelihood(factor, wrong=1.0):
-        correlation = found.parameter * factor * np.eye(198) + D @ D.T
+        correlation = result.parameter * factor * np.eye(198) + D @ D.T
         variance = wrong * bends @ np.linalg.solve(correlation, bends) / 198
         return multivariate_normal(cov=variance * correlation).logpdf(bends)
 
     best = log_likelihood(1.0)
     assert all(log_likelihood(factor) < best for factor in (0.9, 1.1, 0.1, 10.0))
     assert log_likelihood(1.0, wrong=1.3) < best
-    assert found.sdev**2 == pytest.approx(
-        bends @ np.linalg.solve(found.parameter * np.eye(198) + D @ D.T, bends) / 198, rel=1e-9
+    assert result.sdev**2 == pytest.approx(
+        bends @ np.linalg.solve(result.parameter * np.eye(198) + D @ D.T, bends) / 198, rel=1e-9
     )
 
 
 def test_q_of_a_random_walk_in_slope_is_found():
     """Of a record made by the model itself: 30 records, within four standard errors of their mean log q."""
-    q, found = 1e-4, []
+    q, result = 1e-4, []
     for seed in range(30):
         rng = np.random.default_rng(seed)
         slope = np.cumsum(np.sqrt(q) * rng.normal(size=2000))
         signal = np.cumsum(slope) + rng.normal(size=2000)
         smooth = rts(signal)
-        found.append([np.log(smooth.parameter), np.log(smooth.sdev)])
-    mean, error = np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / np.sqrt(30)
+        result.append([np.log(smooth.parameter), np.log(smooth.sdev)])
+    mean, error = np.mean(result, axis=0), np.std(result, axis=0, ddof=1) / np.sqrt(30)
     assert np.all(np.abs(mean - [np.log(q), 0.0]) < 4.0 * error)
     assert np.all(np.abs(mean - [np.log(2.0 * q), 0.1]) > 4.0 * error)
 
@@ -142,11 +142,11 @@ def test_short_and_smooth_signals_are_taken(method):
 @pytest.mark.parametrize("method", SMOOTHERS)
 def test_a_trial_says_how_it_was_smoothed(method):
     clean = zigzag()
-    found = ps.denoise(noisy(clean, 0.01), method=method)
+    result = ps.denoise(noisy(clean, 0.01), method=method)
     parameter = SMOOTHERS[method].parameter
-    assert found.attrs == {"vessel": "somebody", "denoised": "u v r psi", "denoise_method": method}
+    assert result.attrs == {"vessel": "somebody", "denoised": "u v r psi", "denoise_method": method}
     for name in SMOOTHED:
         sdev = 0.01 * float(abs(clean[name]).max())
-        assert found[name].attrs["noise_sdev"] == pytest.approx(sdev, rel=0.1)
-        assert found[name].attrs[f"denoise_{parameter}"] > 0.0
-        assert rms((found[name] - clean[name]).to_numpy()) < 0.3 * sdev
+        assert result[name].attrs["noise_sdev"] == pytest.approx(sdev, rel=0.1)
+        assert result[name].attrs[f"denoise_{parameter}"] > 0.0
+        assert rms((result[name] - clean[name]).to_numpy()) < 0.3 * sdev

@@ -27,40 +27,40 @@ def read(instrument, trial=None, seed=1):
 
 def test_readings_are_multiples_of_the_resolution_within_half_a_step():
     trial = ramp()
-    found = read(ps.Instrument(sd={"psi": 0.0}, resolution={"psi": 0.1 * DEG}), trial)
-    steps = found["psi"].values / (0.1 * DEG)
+    reading = read(ps.Instrument(sd={"psi": 0.0}, resolution={"psi": 0.1 * DEG}), trial)
+    steps = reading["psi"].values / (0.1 * DEG)
     assert np.abs(steps - np.round(steps)).max() < 1e-9
-    error = (found["psi"] - trial["psi"]).values
+    error = (reading["psi"] - trial["psi"]).values
     assert 0.049 * DEG < np.abs(error).max() <= 0.05 * DEG * (1.0 + 1e-9)
     assert sd_is(error[::37], 0.1 * DEG / np.sqrt(12.0))  # uniform, where the samples are far apart
 
 
 def test_noise_has_the_standard_deviation_stated():
     trial = ramp()
-    found = read(ps.Instrument(sd={"psi": 0.2 * DEG, "u": 0.05}), trial)
+    reading = read(ps.Instrument(sd={"psi": 0.2 * DEG, "u": 0.05}), trial)
     for name, sd in (("psi", 0.2 * DEG), ("u", 0.05)):
-        error = (found[name] - trial[name]).values
+        error = (reading[name] - trial[name]).values
         assert sd_is(error, sd)
         assert not sd_is(error, 1.1 * sd)
-        assert found.attrs[f"noise_sd_{name}"] == pytest.approx(sd)
-    assert found["delta"].identical(trial["delta"])
+        assert reading.attrs[f"noise_sd_{name}"] == pytest.approx(sd)
+    assert reading["delta"].identical(trial["delta"])
     assert "noise_sd_psi" not in trial.attrs
 
 
 def test_a_clock_that_jitters_errs_by_slope_times_jitter():
     """The stamps stay nominal, the sample is that of another instant; a channel that does not change shows nothing."""
     trial = ramp()
-    found = read(ps.Instrument(sd={"psi": 0.0, "u": 0.0}, jitter=0.03), trial)
-    assert found["time"].identical(trial["time"])
-    assert sd_is((found["psi"] - trial["psi"]).values, 0.01 * 0.03)
-    assert not sd_is((found["psi"] - trial["psi"]).values, 0.01 * 0.04)
-    assert np.abs(found["u"] - trial["u"]).max() < 1e-12
+    reading = read(ps.Instrument(sd={"psi": 0.0, "u": 0.0}, jitter=0.03), trial)
+    assert reading["time"].identical(trial["time"])
+    assert sd_is((reading["psi"] - trial["psi"]).values, 0.01 * 0.03)
+    assert not sd_is((reading["psi"] - trial["psi"]).values, 0.01 * 0.04)
+    assert np.abs(reading["u"] - trial["u"]).max() < 1e-12
 
 
 def test_channels_of_an_instrument_share_their_instants():
     trial = ramp().assign(y=ramp()["psi"] * 3.0)
-    found = read(ps.Instrument(sd={"psi": 0.0, "y": 0.0}, jitter=0.03), trial)
-    np.testing.assert_allclose(found["y"], 3.0 * found["psi"], atol=1e-12)
+    reading = read(ps.Instrument(sd={"psi": 0.0, "y": 0.0}, jitter=0.03), trial)
+    np.testing.assert_allclose(reading["y"], 3.0 * reading["psi"], atol=1e-12)
 
 
 def test_missing_samples_have_the_share_and_the_runs_asked_for():
@@ -71,10 +71,10 @@ def test_missing_samples_have_the_share_and_the_runs_asked_for():
         begins = gone[1:] & ~gone[:-1]
         shares.append(gone.mean())
         runs.append(gone[1:].sum() / max(begins.sum(), 1))
-    for found, asked in ((shares, 0.05), (runs, 4.0)):
-        error = np.std(found, ddof=1) / np.sqrt(40)
-        assert abs(np.mean(found) - asked) < 4.0 * error
-        assert abs(np.mean(found) - 1.2 * asked) > 4.0 * error
+    for estimates, expected in ((shares, 0.05), (runs, 4.0)):
+        error = np.std(estimates, ddof=1) / np.sqrt(40)
+        assert abs(np.mean(estimates) - expected) < 4.0 * error
+        assert abs(np.mean(estimates) - 1.2 * expected) > 4.0 * error
 
 
 def test_missing_samples_are_filled_by_the_reader_and_refused_elsewhere(tmp_path):
@@ -90,14 +90,14 @@ def test_missing_samples_are_filled_by_the_reader_and_refused_elsewhere(tmp_path
 
 @pytest.mark.parametrize("name", INSTRUMENTS)
 def test_a_preset_reads_a_simulated_trial(zigzag_trial, name):
-    found = read(name, zigzag_trial)
+    reading = read(name, zigzag_trial)
     for channel, sd in INSTRUMENTS[name].sd.items():
-        error = (found[channel] - zigzag_trial[channel]).values
+        error = (reading[channel] - zigzag_trial[channel]).values
         error = error[np.isfinite(error)]
         step = INSTRUMENTS[name].resolution[channel]
         assert sd < error.std() * 1.05 < 1.2 * np.hypot(sd, step)
     untouched = [c for c in ("u", "v", "r", "p", "phi", "psi", "delta") if c not in INSTRUMENTS[name].sd]
-    assert all(found[c].identical(zigzag_trial[c]) for c in untouched)
+    assert all(reading[c].identical(zigzag_trial[c]) for c in untouched)
 
 
 def test_a_function_is_a_kind_of_noise_and_comes_after_an_instrument():
@@ -106,7 +106,7 @@ def test_a_function_is_a_kind_of_noise_and_comes_after_an_instrument():
         return clean.assign(u=clean["u"] + np.where(hit, 1.0, 0.0))
 
     trial = ramp()
-    found = read(["fluxgate_compass", spiky], trial)
-    assert set(np.unique(found["u"])) == {7.0, 8.0}
-    assert not np.array_equal(found["psi"], trial["psi"])
-    assert found.identical(read(["fluxgate_compass", spiky], trial))
+    reading = read(["fluxgate_compass", spiky], trial)
+    assert set(np.unique(reading["u"])) == {7.0, 8.0}
+    assert not np.array_equal(reading["psi"], trial["psi"])
+    assert reading.identical(read(["fluxgate_compass", spiky], trial))

@@ -165,8 +165,8 @@ class TestSecondDifferences:
     def test_second_differences_find_white_noise_on_a_smooth_signal(self):
         """Averaged over 200 records, to within their scatter."""
         rng, t = np.random.default_rng(1), 0.1 * np.arange(1000)
-        found = second_difference_sd(3.0 * np.sin(0.1 * t) + 0.02 * rng.standard_normal((200, 1000)))
-        assert abs(found.mean() / 0.02 - 1.0) < 4.0 * found.std() / 0.02 / np.sqrt(200)
+        estimates = second_difference_sd(3.0 * np.sin(0.1 * t) + 0.02 * rng.standard_normal((200, 1000)))
+        assert abs(estimates.mean() / 0.02 - 1.0) < 4.0 * estimates.std() / 0.02 / np.sqrt(200)
         assert abs(np.diff(rng.standard_normal((200, 1000))).std() - 1.0) > 0.3
 
     def test_they_are_blind_to_outliers_and_to_a_polynomial(self):

@@ -90,16 +90,16 @@ class TestMissingCells:
         trial = read("\n".join(lines))
         assert trial.attrs["reading"] == f"u: 5 of {run.sizes['time']} cells missing, filled by interpolation."
         np.testing.assert_allclose(trial["u"], run["u"], atol=2e-4)
-        kept = np.r_[0:100, 105 : run.sizes["time"]]
-        np.testing.assert_array_equal(trial["u"].values[kept], run["u"].values[kept])
+        present = np.r_[0:100, 105 : run.sizes["time"]]
+        np.testing.assert_array_equal(trial["u"].values[present], run["u"].values[present])
 
     def test_at_a_long_run_the_record_is_cut(self, run, read):
         table = columns(run)
         table["v"][100:130] = np.nan
         trial = read(written(table))
-        said = trial.attrs["reading"].splitlines()
-        assert said[0] == "v: 30 cells missing in longer runs or at an end, their rows left out."
-        assert said[1].startswith(
+        notes = trial.attrs["reading"].splitlines()
+        assert notes[0] == "v: 30 cells missing in longer runs or at an end, their rows left out."
+        assert notes[1].startswith(
             "1 gap of more than 2 s, the longest from 9.9 to 13 s: the longest piece is used, 270 of"
         )
         assert_same(trial, run.isel(time=slice(130, None)))
@@ -134,11 +134,11 @@ class TestMissingCells:
         table["x"][coarse] = np.nan
         trial = read(written(table))
         np.testing.assert_allclose(trial["x"], run["x"][:391], atol=5e-3)
-        said = [
+        notes = [
             "x: 351 of 400 cells missing, filled by interpolation.",
             "x: 9 cells missing in longer runs or at an end",
         ]
-        assert all(sentence in trial.attrs["reading"] for sentence in said)
+        assert all(sentence in trial.attrs["reading"] for sentence in notes)
 
 
 class TestHeading:

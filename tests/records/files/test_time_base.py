@@ -52,8 +52,8 @@ class TestUniformRecords:
     @pytest.mark.parametrize("time", [np.arange(500) * 0.1, np.arange(500) / 3.0, 1.6e9 + np.arange(500) * 0.5])
     def test_they_are_left_alone(self, time):
         channels = signal(time)
-        found, same, notes = regularised(time, channels)
-        np.testing.assert_array_equal(found, time)
+        uniform, same, notes = regularised(time, channels)
+        np.testing.assert_array_equal(uniform, time)
         assert same.keys() == channels.keys()
         assert notes == []
 

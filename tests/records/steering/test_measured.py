@@ -18,11 +18,11 @@ class TestAligned:
     def test_a_trial_begins_where_its_forecast_does(self, kind):
         """Another clock, course and place, a heading that jumps by 360 deg, and a minute of approach are undone."""
         _, _, run, measured = case(kind)
-        found = align_to_first_execute(measured)
-        assert found["time"].values[0] == 0.0
-        assert all(float(found[name][0]) == 0.0 for name in ("x", "y"))
-        assert abs(float(found["psi"][0])) < 2e-3
-        again = found.interp(time=run["time"].values[2:-2])
+        aligned = align_to_first_execute(measured)
+        assert aligned["time"].values[0] == 0.0
+        assert all(float(aligned[name][0]) == 0.0 for name in ("x", "y"))
+        assert abs(float(aligned["psi"][0])) < 2e-3
+        again = aligned.interp(time=run["time"].values[2:-2])
         for name, bound in {"x": 0.5, "y": 2.0, "psi": 2e-3, "u": 0.02, "delta": 0.01}.items():
             assert np.abs(again[name].values - run[name].values[2:-2]).max() < bound, name
 
@@ -37,9 +37,9 @@ class TestAligned:
     @pytest.mark.parametrize("delta", [np.full(5, -0.6), np.zeros(5)])
     def test_a_rudder_that_never_leaves_its_angle_keeps_the_record_whole(self, delta):
         record = xr.Dataset({"delta": ("time", delta), "psi": ("time", np.arange(5.0))}, {"time": np.arange(3.0, 8.0)})
-        found = align_to_first_execute(record)
-        np.testing.assert_allclose(found["time"], np.arange(5.0))
-        np.testing.assert_allclose(found["psi"], np.arange(5.0))
+        aligned = align_to_first_execute(record)
+        np.testing.assert_allclose(aligned["time"], np.arange(5.0))
+        np.testing.assert_allclose(aligned["psi"], np.arange(5.0))
 
     def test_missing_channels_stay_missing_and_a_track_needs_a_heading(self):
         measured = case("zigzag")[3]
@@ -57,9 +57,9 @@ class TestMeasuredIndices:
     @pytest.mark.parametrize("kind", MANOEUVRES)
     def test_indices_are_those_of_the_run(self, kind):
         _, tree, run, measured = case(kind)
-        found, exact = measured_indices(measured, tree.attrs), ps.indices(run)
-        assert set(found) == set(exact.data_vars)
-        for name, value in found.items():
+        indices, exact = measured_indices(measured, tree.attrs), ps.indices(run)
+        assert set(indices) == set(exact.data_vars)
+        for name, value in indices.items():
             assert value == pytest.approx(float(exact[name]), rel=0.01, abs=0.05, nan_ok=True), name
 
     @pytest.mark.parametrize("seed", [2, 4])
@@ -67,48 +67,48 @@ class TestMeasuredIndices:
         """Left as it is, this noise takes 6 of the 20 s."""
         run, measured = trial(ps.load_vessel("container"), ps.zigzag(10.0, 10.0), 250.0)
         noise = np.deg2rad(0.05) * np.random.default_rng(seed).standard_normal(measured["time"].size)
-        found = measured_indices(measured.assign(r=measured["r"] + noise), run.attrs)
+        indices = measured_indices(measured.assign(r=measured["r"] + noise), run.attrs)
         exact = float(ps.indices(run)["first_overshoot_time"])
-        assert found["first_overshoot_time"] == pytest.approx(exact, abs=0.5)
+        assert indices["first_overshoot_time"] == pytest.approx(exact, abs=0.5)
 
     def test_what_a_channel_is_needed_for_is_left_open(self):
         _, tree, run, measured = case("zigzag")
-        found = measured_indices(measured[["psi", "delta"]], tree.attrs)
-        known = {name for name, value in found.items() if np.isfinite(value)}
+        indices = measured_indices(measured[["psi", "delta"]], tree.attrs)
+        known = {name for name, value in indices.items() if np.isfinite(value)}
         exact = {name for name, value in ps.indices(run).items() if np.isfinite(value)}
         assert known == exact - {"initial_turning_distance", "maximum_roll_angle"}
-        assert found["first_overshoot_angle"] == pytest.approx(
+        assert indices["first_overshoot_angle"] == pytest.approx(
             float(ps.indices(run)["first_overshoot_angle"]), abs=0.05
         )
         assert measured_indices(measured[["u", "delta"]], tree.attrs) == {}
 
     def test_velocities_are_those_of_the_track_where_none_are_measured(self):
         _, tree, run, measured = case("port")
-        found = measured_indices(measured[["x", "y", "psi", "delta"]], tree.attrs)
+        indices = measured_indices(measured[["x", "y", "psi", "delta"]], tree.attrs)
         for name in ("steady_speed", "tactical_diameter"):
-            assert found[name] == pytest.approx(float(ps.indices(run)[name]), rel=0.01), name
+            assert indices[name] == pytest.approx(float(ps.indices(run)[name]), rel=0.01), name
 
     def test_their_sway_is_that_of_the_run(self):
         """The distance is run along the course, which a sway to the wrong side turns away from the track."""
         _, tree, run, measured = case("zigzag")
-        found = measured_indices(measured[["x", "y", "psi", "delta"]], tree.attrs)
+        indices = measured_indices(measured[["x", "y", "psi", "delta"]], tree.attrs)
         exact = float(ps.indices(run)["initial_turning_distance"])
-        assert found["initial_turning_distance"] == pytest.approx(exact, rel=1e-3)
+        assert indices["initial_turning_distance"] == pytest.approx(exact, rel=1e-3)
 
     def test_an_event_between_the_last_two_samples_is_reached(self):
         run = simulated(ps.load_vessel("container"), ps.turning_circle(35, side="starboard"), interval=1.0)
         beyond = int(np.argmax(run["psi"].values > np.deg2rad(90.0)))
-        found = measured_indices(run.isel(time=slice(0, beyond + 1)), run.attrs)
-        assert found["time_to_90"] == pytest.approx(float(ps.indices(run)["time_to_90"]), abs=1.0)
+        indices = measured_indices(run.isel(time=slice(0, beyond + 1)), run.attrs)
+        assert indices["time_to_90"] == pytest.approx(float(ps.indices(run)["time_to_90"]), abs=1.0)
 
     def test_noise_of_the_sensors_does_not_shift_them(self):
         """Means over noisy records are those of the record without noise, within 1 % and a tenth of a degree."""
         for manoeuvre in (ps.zigzag(10, 10), ps.turning_circle(35, side="starboard")):
             run = simulated(ps.load_vessel("container"), manoeuvre, ship_times=15.0, interval=0.2)
-            found = [measured_indices(noisy_record(run, 60.0, seed=seed), manoeuvre.attrs) for seed in range(6)]
+            indices = [measured_indices(noisy_record(run, 60.0, seed=seed), manoeuvre.attrs) for seed in range(6)]
             exact = ps.indices(run)
-            for name in found[0]:
-                mean = np.mean([values[name] for values in found])
+            for name in indices[0]:
+                mean = np.mean([values[name] for values in indices])
                 assert mean == pytest.approx(float(exact[name]), rel=0.01, abs=0.1, nan_ok=True), name
 
     @pytest.mark.parametrize("delay", [0.0, 1.5])
@@ -116,37 +116,37 @@ class TestMeasuredIndices:
         vessel, manoeuvre = scaled("kvlcc2", 160.0, 20.0, delay=delay), ps.zigzag(20, 20, side="starboard")
         headings = (23.0, 16.0, 25.0, 18.0)
         run, orders = steered_by_hand(vessel, manoeuvre, headings)
-        found = measured_indices(noisy_record(run, 60.0), manoeuvre.attrs | {"rudder_delay": delay})
+        indices = measured_indices(noisy_record(run, 60.0), manoeuvre.attrs | {"rudder_delay": delay})
         psi, time = np.rad2deg(run["psi"].values), run["time"].values
         for k, name in enumerate(("first", "second", "third")):
             swing = (time > orders[k]) & (time < (orders[k + 1]))
             peak = np.argmax((-1.0) ** k * psi * swing)
             overshoot = (-1.0) ** k * (psi[peak] - np.interp(orders[k], time, psi))
-            assert found[f"{name}_overshoot_angle"] == pytest.approx(overshoot, abs=0.5), name
+            assert indices[f"{name}_overshoot_angle"] == pytest.approx(overshoot, abs=0.5), name
             if k < 2:
-                assert found[f"{name}_overshoot_time"] == pytest.approx(time[peak] - orders[k], abs=1.0), name
-        assert found["period"] == pytest.approx(orders[2] - orders[0], abs=0.6)
-        assert found["initial_turning_time"] == pytest.approx(time[np.argmax(psi >= 20.0)], abs=0.6)
+                assert indices[f"{name}_overshoot_time"] == pytest.approx(time[peak] - orders[k], abs=1.0), name
+        assert indices["period"] == pytest.approx(orders[2] - orders[0], abs=0.6)
+        assert indices["initial_turning_time"] == pytest.approx(time[np.argmax(psi >= 20.0)], abs=0.6)
 
     def test_reversals_within_a_degree_of_their_mean_are_those_of_an_autopilot(self):
         """They scatter by more than a degree in all; overshoots count from the heading that was ordered."""
         vessel, manoeuvre = scaled("kvlcc2", 160.0, 20.0), ps.zigzag(20, 20, side="starboard")
         run, orders = steered_by_hand(vessel, manoeuvre, (20.6, 19.4, 19.4, 20.6))
-        found = measured_indices(noisy_record(run, 60.0), manoeuvre.attrs)
+        indices = measured_indices(noisy_record(run, 60.0), manoeuvre.attrs)
         psi, first = np.rad2deg(run["psi"].values), run["time"].values < orders[1]
-        assert found["first_overshoot_angle"] == pytest.approx(psi[first].max() - 20.0, abs=0.3)
+        assert indices["first_overshoot_angle"] == pytest.approx(psi[first].max() - 20.0, abs=0.3)
 
     def test_a_first_reversal_before_the_heading_leaves_the_initial_turn_open(self):
         vessel, manoeuvre = scaled("kvlcc2", 160.0, 20.0), ps.zigzag(20, 20)
         run, _ = steered_by_hand(vessel, manoeuvre, (15.0, 24.0, 17.0, 23.0))
-        found = measured_indices(noisy_record(run, 60.0), manoeuvre.attrs)
-        assert "initial_turning_time" not in found or np.isnan(found["initial_turning_time"])
-        assert np.isfinite(found["first_overshoot_angle"])
+        indices = measured_indices(noisy_record(run, 60.0), manoeuvre.attrs)
+        assert "initial_turning_time" not in indices or np.isnan(indices["initial_turning_time"])
+        assert np.isfinite(indices["first_overshoot_angle"])
 
     def test_the_steady_turn_ends_where_the_rudder_is_put_back(self):
         vessel, (time, angle) = scaled("container", 160.0, 15.0), ([0.0, 600.0, 601.0], [35.0, 35.0, 0.0])
         circle, cut = ps.turning_circle(35), ps.rudder_programme(time, np.deg2rad(angle))
         whole = measured_indices(noisy_record(simulated(vessel, circle, ship_times=50.0)), circle.attrs)
-        found = measured_indices(noisy_record(simulated(vessel, cut, ship_times=50.0)), circle.attrs)
+        indices = measured_indices(noisy_record(simulated(vessel, cut, ship_times=50.0)), circle.attrs)
         for name in ("steady_yaw_rate", "steady_turning_diameter", "steady_speed"):
-            assert found[name] == pytest.approx(whole[name], rel=0.03), name
+            assert indices[name] == pytest.approx(whole[name], rel=0.03), name

@@ -61,8 +61,8 @@ def programme(time, delta_deg, **settings):
 class TestZigzags:
     @pytest.mark.parametrize("delay", DELAYS)
     def test_many_runs_are_recognised_with_the_gear_that_steered_them(self, records, delay):
-        found, steering = recognise(records[delay], tanker())
-        for manoeuvre, expected in zip(found, ZIGZAGS, strict=True):
+        recognised, steering = recognise(records[delay], tanker())
+        for manoeuvre, expected in zip(recognised, ZIGZAGS, strict=True):
             assert manoeuvre.label == expected.label
             assert manoeuvre.approach_speed == pytest.approx(expected.approach_speed or 7.974, rel=1e-3)
         assert steering.rudder_rate_deg == pytest.approx(2.35, rel=1e-6)
@@ -87,21 +87,21 @@ class TestZigzags:
     @pytest.mark.parametrize("course_deg", [-1.2, 0.7, 179.5, 250.0])
     def test_the_base_course_does_not_matter(self, records, course_deg):
         turned = [moved(run, course_deg) for run in records[2.5]]
-        found, steering = recognise(turned, tanker())
-        assert [manoeuvre.label for manoeuvre in found] == [manoeuvre.label for manoeuvre in ZIGZAGS]
+        recognised, steering = recognise(turned, tanker())
+        assert [manoeuvre.label for manoeuvre in recognised] == [manoeuvre.label for manoeuvre in ZIGZAGS]
         assert steering.rudder_delay == recognise(records[2.5], tanker())[1].rudder_delay
 
     def test_nor_does_a_first_course_beside_that_of_the_swings(self, records):
         runs = [run.assign(psi=run["psi"] + np.deg2rad(1.0)) for run in records[2.5]]
-        found, steering = recognise(runs, tanker())
-        assert [manoeuvre.label for manoeuvre in found] == [manoeuvre.label for manoeuvre in ZIGZAGS]
+        recognised, steering = recognise(runs, tanker())
+        assert [manoeuvre.label for manoeuvre in recognised] == [manoeuvre.label for manoeuvre in ZIGZAGS]
         assert steering.rudder_delay == pytest.approx(2.5, abs=DELAY_ERROR)
 
     @pytest.mark.parametrize("delay", [0.0, 2.5, 7.5])
     def test_noise_does_little(self, delay):
         runs = [trial(what, vessel=with_delay(delay), seed=k) for k, what in enumerate(ZIGZAGS)]
-        found, steering = recognise(runs, tanker())
-        assert [manoeuvre.label for manoeuvre in found] == [manoeuvre.label for manoeuvre in ZIGZAGS]
+        recognised, steering = recognise(runs, tanker())
+        assert [manoeuvre.label for manoeuvre in recognised] == [manoeuvre.label for manoeuvre in ZIGZAGS]
         assert steering.rudder_delay == pytest.approx(delay, abs=2.0 * DELAY_ERROR)
 
     def test_a_run_with_one_reversal_is_known_on_any_course(self):
@@ -113,8 +113,8 @@ class TestZigzags:
     @pytest.mark.parametrize(("shown", "rudder"), [(1.0, 10), (0.95, 10), (0.8, 8)])
     def test_an_indicator_that_is_a_little_off_does_not_change_the_order(self, records, shown, rudder):
         run = records[2.5][0]
-        (found,), _ = recognise([run.assign(delta=shown * run["delta"])], tanker())
-        assert (found.rudder_deg, found.heading_deg) == (rudder, 10.0)
+        (recognised,), _ = recognise([run.assign(delta=shown * run["delta"])], tanker())
+        assert (recognised.rudder_deg, recognised.heading_deg) == (rudder, 10.0)
 
     def test_the_steering_goes_to_the_vessel(self):
         steering = Steering(3.0, 1.5, 4)
@@ -135,9 +135,9 @@ class TestQuickShips:
             run = simulated(vessel, manoeuvre, ship_times=20.0, interval=0.3)
             once_round = np.abs(run["psi"].values) < 2.0 * np.pi
             record = measured(run.isel(time=once_round), approach, seed=seed)
-            (found,), steering = recognise([record], vessel)
-            assert found.label == manoeuvre.label
-            assert found.approach_speed == pytest.approx(9.0, abs=0.1)
+            (recognised,), steering = recognise([record], vessel)
+            assert recognised.label == manoeuvre.label
+            assert recognised.approach_speed == pytest.approx(9.0, abs=0.1)
             if manoeuvre.kind == "zigzag":
                 assert steering.rudder_delay == pytest.approx(delay, abs=0.4)
 
@@ -148,9 +148,9 @@ class TestOthers:
         circle = ps.turning_circle(rudder, side=side, approach_speed=speed)
         run = trial(circle)
         for record in (run, moved(run)):
-            (found,), steering = recognise([record], tanker())
-            assert found.label == circle.label
-            assert found.approach_speed == pytest.approx(speed, rel=1e-3)
+            (recognised,), steering = recognise([record], tanker())
+            assert recognised.label == circle.label
+            assert recognised.approach_speed == pytest.approx(speed, rel=1e-3)
         assert steering.n_reversals == 0
         assert np.isnan([steering.rudder_delay, steering.rudder_rate_deg]).all()
 
@@ -158,8 +158,8 @@ class TestOthers:
     def test_a_third_of_a_turn_makes_a_circle(self, turned, label):
         run = trial(ps.turning_circle(35.0, side="starboard"))
         reached = int(np.argmax(run["psi"].values > np.deg2rad(turned)))
-        (found,), _ = recognise([run.isel(time=slice(0, reached))], tanker())
-        assert (found and found.label.removesuffix(" starboard")) == label
+        (recognised,), _ = recognise([run.isel(time=slice(0, reached))], tanker())
+        assert (recognised and recognised.label.removesuffix(" starboard")) == label
 
     @pytest.mark.parametrize(
         ("time", "delta_deg"),
@@ -177,8 +177,8 @@ class TestOthers:
     )
     def test_any_other_rudder_is_none(self, time, delta_deg):
         run = programme(time, np.asarray(delta_deg, dtype=float))
-        (found,), steering = recognise([run], tanker())
-        assert found is None
+        (recognised,), steering = recognise([run], tanker())
+        assert recognised is None
         assert steering.n_reversals == 0
 
     @pytest.mark.parametrize(
@@ -193,8 +193,8 @@ class TestOthers:
 
     def test_they_do_not_spoil_the_gear_of_the_zigzags_beside_them(self, records):
         clock = programme([0, 100, 101, 250, 251, 300, 301], [10, 10, -10, -10, 10, 10, -10])
-        found, steering = recognise([*records[2.5], clock], tanker())
-        assert found[-1] is None
+        recognised, steering = recognise([*records[2.5], clock], tanker())
+        assert recognised[-1] is None
         np.testing.assert_equal(astuple(steering), astuple(recognise(records[2.5], tanker())[1]))
 
 
@@ -210,13 +210,13 @@ class TestExecution:
     def test_a_trial_elsewhere_and_later_has_the_same_indices(self, manoeuvre):
         original = trial(manoeuvre)
         later, sooner = moved(original), moved(original, 0.0, (0.0, 0.0), straight=5.0)
-        found, expected = recorded_indices(later, manoeuvre), recorded_indices(sooner, manoeuvre)
+        indices, expected = recorded_indices(later, manoeuvre), recorded_indices(sooner, manoeuvre)
         assert np.isfinite(list(expected.values())).all()
-        assert found == pytest.approx(expected, rel=1e-6)
+        assert indices == pytest.approx(expected, rel=1e-6)
         first = "initial_turning_time" if manoeuvre.kind == "zigzag" else "advance"
-        assert found[first] == pytest.approx(float(ps.indices(original)[first]), rel=3e-3)
+        assert indices[first] == pytest.approx(float(ps.indices(original)[first]), rel=3e-3)
         uncut = ps.indices(later.assign_attrs(original.attrs))
-        assert not np.isclose(float(uncut[first]), found[first], rtol=0.01)
+        assert not np.isclose(float(uncut[first]), indices[first], rtol=0.01)
 
     def test_time_course_and_place_count_from_it(self, records):
         cut, original = align_to_first_execute(moved(records[0.0][1])), records[0.0][1]
@@ -230,7 +230,7 @@ class TestExecution:
         np.testing.assert_allclose(cut["psi"], original["psi"].values + turned, atol=1e-9)
 
     def test_a_course_that_is_far_from_the_middle_of_the_swings_stays(self, records):
-        """Else a ship that had not settled would be turned about a course it never held."""
+        """Else a ship that had not settled would be turned about a course it never had."""
         run = records[0.0][0]
         for offset_deg, moves in ((1.0, True), (2.5, False)):
             late = run.assign(psi=run["psi"] + np.deg2rad(offset_deg) * (run["time"] > 20.0))
@@ -239,8 +239,8 @@ class TestExecution:
 
     def test_a_record_without_a_track_has_no_distances(self, records):
         run = records[2.5][0].drop_vars(["x", "y", "phi"])
-        found = recorded_indices(run, ZIGZAGS[0])
-        assert np.isnan([found.pop(name) for name in ("initial_turning_distance", "maximum_roll_angle")]).all()
+        indices = recorded_indices(run, ZIGZAGS[0])
+        assert np.isnan([indices.pop(name) for name in ("initial_turning_distance", "maximum_roll_angle")]).all()
         whole = recorded_indices(records[2.5][0], ZIGZAGS[0])
-        assert found == {name: whole[name] for name in found}
+        assert indices == {name: whole[name] for name in indices}
         assert set(run) == set(records[2.5][0].drop_vars(["x", "y", "phi"]))

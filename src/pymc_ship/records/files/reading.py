@@ -67,16 +67,17 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     table = text_table(path, layout)
     columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)
     cells, cell_notes = table_cells(table, columns, path)
-    notes = [*table.notes, *notes, *cell_notes, *_implausible(columns, cells)]
     time, quantum = columns["time"].si(cells["time"]), columns["time"].factor * rounding(cells["time"])
     channels = {name: column.si(cells[name]) for name, column in columns.items() if name != "time"}
-    channels, cell_notes = with_signs(channels, layout)
+    channels, sign_notes = with_signs(channels, layout)
     time, channels, time_notes = regular(time, quantum, channels, str(path))
-    channels, origin_notes = at_origin(channels, layout, str(path))
-    channels, wind_notes = with_true_wind(channels, layout, str(path))
-    time, channels, scaled = full_scale(time, channels, layout.froude)
+    notes = [*table.notes, *notes, *cell_notes, *_implausible(columns, cells), *sign_notes, *time_notes]
+    for to_ship in (at_origin, with_true_wind):
+        channels, changes = to_ship(channels, layout, str(path))
+        notes += changes
+    time, channels, scale_notes = full_scale(time, channels, layout.froude)
     variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in channels.items()}
-    attrs = {"reading": "\n".join([*notes, *cell_notes, *time_notes, *origin_notes, *wind_notes, *scaled])}
+    attrs = {"reading": "\n".join([*notes, *scale_notes])}
     if layout.speeds == OVER_GROUND:
         attrs["speeds"] = OVER_GROUND
     if layout.facility:
