@@ -33,22 +33,16 @@ class RegressionData:
 
     Attributes
     ----------
-    design_matrix : ndarray, shape (n_rows, n_terms)
-    response : ndarray, shape (n_rows,)
-    coefficients : tuple of str
-        Names, length n_terms.
+    design_matrix, response : ndarray, shape (n_rows, n_terms), (n_rows,)
+        The n_terms columns are named by ``coefficients``.
     column_center, column_scale : ndarray, shape (n_terms,)
-    response_center, response_scale : float
+        Those of the response are the floats ``response_center`` and ``response_scale``.
     constant : int
         Index of the constant column, -1 where there is none.
-    time : ndarray, shape (n_rows,)
-        Coordinate of the rows [s]; the row number where no time is known.
-    run : ndarray of str, shape (n_rows,)
-        Run of each row; "1" for a single trial.
+    time, run : ndarray, shape (n_rows,)
+        Coordinate of the rows [s], or the row number; label of the run, "1" for a single trial.
     dof, vessel, derivative, record_verdict, record_remarks : str
         Origin of the rows, and quality flags of the trial.
-    formula : Formula or None
-        Formula of the columns, after :meth:`from_formula`.
     """
 
     design_matrix: np.ndarray
@@ -72,7 +66,7 @@ class RegressionData:
     def from_formula(
         cls, formula: str, frame: Any, *, scaling: str = "none", time: np.ndarray | None = None, **labels: str
     ) -> RegressionData:
-        """Regression data from a formula of Bambi and a table of its variables.
+        """Regression data from a formula of Bambi (doi:10.18637/jss.v103.i15) and a table of its variables.
 
         Needs formulae, which ``pymc-ship[formula]`` installs. Posteriors of these data predict from new tables.
 
@@ -89,10 +83,6 @@ class RegressionData:
         ------
         InferenceError
             Without formulae, for a formula with group-level terms or that does not fit, and as :meth:`from_arrays`.
-
-        References
-        ----------
-        Capretto et al. (2022), Bambi, Journal of Statistical Software 103(15), doi:10.18637/jss.v103.i15.
         """
         design_matrix, response, parsed_formula = formula_rows(formula, frame)
         data = cls.from_arrays(design_matrix, response, parsed_formula.names, scaling=scaling, time=time, **labels)
@@ -120,10 +110,8 @@ class RegressionData:
             Names of the columns, ``x1``, ``x2``, ... by default; for a DataFrame the columns to use, all by default.
         scaling : {"none", "zscore"}, optional
             "zscore": priors are of columns and response of unit mean square, centred if one column is constant.
-        time : array_like, shape (n_rows,), optional
-            Coordinate of the rows [s].
-        run : sequence of str, length n_rows, optional
-            Run of each row.
+        time, run : array_like of float and of str, shape (n_rows,), optional
+            Coordinate [s] and run of each row.
         **labels : str
             The attributes from ``dof`` to ``record_remarks``.
 
@@ -152,20 +140,9 @@ class RegressionData:
         runs = np.full(len(y), "1") if run is None else np.array(run, dtype=str)
         if runs.shape != y.shape:
             raise InferenceError(f"Each of {len(y)} rows is of one run, found runs of shape {runs.shape}.")
-        data = cls(
-            design_matrix=X,
-            response=y,
-            coefficients=names,
-            column_center=np.zeros(len(names)),
-            column_scale=np.ones(len(names)),
-            response_center=0.0,
-            response_scale=1.0,
-            constant=constant,
-            time=times,
-            run=runs,
-            formula=None,
-            **labels,
-        )
+        unscaled: dict[str, Any] = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names))}
+        unscaled |= {"response_center": 0.0, "response_scale": 1.0}
+        data = cls(X, y, names, **unscaled, constant=constant, time=times, run=runs, **labels)
         check_choice("The scaling", scaling, SCALINGS, InferenceError)
         return data if scaling == "none" else data._zscore(varies)
 
@@ -226,9 +203,8 @@ class RegressionData:
 
     def rows(self, index: np.ndarray) -> RegressionData:
         """Data of the given rows (integers or mask), with the scaling of the whole."""
-        return replace(
-            self, **{name: getattr(self, name)[index] for name in ("design_matrix", "response", "time", "run")}
-        )
+        names = ("design_matrix", "response", "time", "run")
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     @cached_property
     def uneven(self) -> str:
@@ -246,8 +222,7 @@ class RegressionData:
     @cached_property
     def svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Thin singular value decomposition (left, singular_values, right transposed) of the scaled design."""
-        left, s, right = np.linalg.svd(self.scaled_design_matrix, full_matrices=False)
-        return left, s, right
+        return np.linalg.svd(self.scaled_design_matrix, full_matrices=False)
 
     @cached_property
     def projection(self) -> tuple[np.ndarray, float]:
@@ -267,9 +242,7 @@ class RegressionData:
     def condition_number(self) -> float:
         """Largest over smallest singular value of the scaled design; infinite for more terms than rows."""
         s = self.svd[1]
-        if self.n_terms > self.n_rows or s[-1] == 0.0:
-            return float("inf")
-        return float(s[0] / s[-1])
+        return float("inf") if self.n_terms > self.n_rows or s[-1] == 0.0 else float(s[0] / s[-1])
 
     @property
     def variance_inflation_factors(self) -> np.ndarray:

@@ -62,18 +62,16 @@ def _name_list(names: Sequence[str]) -> str:
 def check_same_rows(design_matrix: Any, response: Any) -> None:
     """Raise InferenceError if a table and a column of another table differ in their index."""
     index, other = getattr(design_matrix, "index", None), getattr(response, "index", None)
-    if index is None or other is None or not hasattr(response, "to_numpy"):
-        return
-    if not np.array_equal(index, other):
+    tables = index is not None and other is not None and hasattr(response, "to_numpy")
+    if tables and not np.array_equal(index, other):
         raise InferenceError(
             "The table and the response must have the same index, found two that differ; take both from one table."
         )
 
 
 def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | None = None) -> np.ndarray:
-    """Design matrix of new rows, shape (n_new, n_terms).
+    """Design matrix, shape (n_new, n_terms), of an array, or of a table of the columns or variables of the formula.
 
-    New rows are an array of the terms in order, or a table with these columns or with the variables of the formula.
     InferenceError for another shape, missing or repeated columns, values that are not finite.
     """
     if not is_frame(new_rows):
@@ -102,7 +100,7 @@ def _floats(values: Any) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Formula:
-    """Formula of a regression, to evaluate for new rows: names of the terms, and columns that they are made from.
+    """Formula of a regression, with the names of its terms and variables.
 
     ``terms`` (formulae.matrices.CommonEffectsMatrix) keep the state of transformations such as ``scale(v)``.
     """

@@ -35,11 +35,10 @@ def regression_data(
     interval: float | None = None,
     derivative: str = "euler",
 ) -> RegressionData:
-    """Design matrix and response of one degree of freedom, from one trial or several.
+    """Design matrix and response of one degree of freedom, from one trial or several; Xue et al. (2020), Eq. 6, 21.
 
     Differences need a denoised trial. The weak form takes the trial as measured: its rows are means under test
-    functions of 10 s, without a derivative; it denoises the motion in the terms. Rows closer than 4 s share noise,
-    which the posterior ignores: its intervals are then too narrow.
+    functions of 10 s. Rows closer than 4 s share noise, which the posterior ignores: its intervals are too narrow.
 
     Parameters
     ----------
@@ -50,8 +49,7 @@ def regression_data(
         Particulars, inertia and the terms of the DOF; its reference coefficients are not used.
     dof : {"surge", "sway", "yaw", "roll"}
     interval : float, optional
-        Interval of the rows [s], a multiple of the sampling interval; by default every sample, about 4 s for the weak
-        form.
+        Interval of the rows [s], a multiple of the sampling interval; by default every sample, or 4 s (weak form).
     derivative : {"euler", "central", "savgol", "weak", "weak_euler"}, optional
         Accelerations by :func:`pymc_ship.records.denoising.derivative.derivative`; or the weak form, "weak" for
         measured records, "weak_euler" for records of Euler steps of the sampling interval.
@@ -71,10 +69,6 @@ def regression_data(
         For an unknown derivative.
     VesselError
         When the vessel has no such DOF.
-
-    References
-    ----------
-    Xue et al. (2020), Eq. 6 and 21, doi:10.1016/j.oceaneng.2019.106612.
 
     Examples
     --------
@@ -133,17 +127,14 @@ def _difference_rows(
     """Terms, response and time of the samples that have an acceleration."""
     from pymc_ship.records.denoising.derivative import derivative as differentiate
 
-    record, step = motion_record(trial, vessel), sampling_interval(trial)
+    record, step, L = motion_record(trial, vessel), sampling_interval(trial), vessel.particulars.L
     motion, speed, known_forces = prime_record(vessel, record)
-    L = vessel.particulars.L
-    acceleration = [
-        to_prime(f"{name}dot", differentiate(record[name], step, method=derivative), speed, L)
-        if name in record
-        else np.zeros_like(speed)
-        for name in VELOCITIES
-    ]
+    acceleration = np.zeros((len(VELOCITIES), speed.size))
+    for k, name in enumerate(VELOCITIES):
+        if name in record:
+            acceleration[k] = to_prime(f"{name}dot", differentiate(record[name], step, method=derivative), speed, L)
     index = DOFS.index(dof)
-    response = vessel.inertia_matrix[index] @ np.array(acceleration) - known_forces[index]
+    response = vessel.inertia_matrix[index] @ acceleration - known_forces[index]
     begin, end = _WITHOUT_DIFFERENCE.get(derivative, (0, 0))
     rows = np.arange(speed.size - end)[:: stride or 1]
     rows = rows[rows >= begin]

@@ -1,7 +1,7 @@
 """Weak form: the equations of motion integrated against test functions phi, so that no record is differentiated.
 
 -sum_k phi'_k (J L nu_k) = sum_k phi_k U_k^2 (Phi_k theta + known_k), L = (L, L, L^2, L^2); Bortz, Messenger & Dukic
-(2023), doi:10.1007/s11538-023-01208-6. The motion in the terms is denoised, as noise in powers biases coefficients.
+(2023), doi:10.1007/s11538-023-01208-6. The motion in the terms is denoised.
 """
 
 from __future__ import annotations
@@ -48,14 +48,9 @@ _NOISE_RATIO = 0.01  # noise variance over mean square response if no rows are l
 
 @dataclass(frozen=True)
 class WeakForm:
-    """Rows of the weak form of every DOF.
+    """Rows of the weak form by DOF: means under each test function, at the centres ``time`` [s], shape (n_rows,).
 
-    Attributes
-    ----------
-    time : ndarray, shape (n_rows,)
-        Centres of the test functions [s].
-    design_matrices, responses : dict of str to ndarray, shape (n_rows, n_terms), (n_rows,)
-        By DOF: means under each test function of the terms times (U/U_nom)^2, and of the prime force at nominal speed.
+    Design matrices are of the terms times (U/U_nom)^2, responses of the prime force at the nominal speed.
     """
 
     time: np.ndarray
@@ -66,8 +61,7 @@ class WeakForm:
 def bump(step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:
     """Test function (1 - s^2)^6 over [-1, 1] radii, of unit sum, and its derivative [1/s], shape (2 n_radius + 1,).
 
-    Method "euler" differentiates by phi'_k = (phi_k - phi_(k-1)) / step, exact for forward differences; "rk4" exactly.
-    TrialError for a step [s] above a quarter of :data:`RADIUS`.
+    The derivative is a difference for "euler", exact for "rk4". TrialError for a step [s] above a quarter of RADIUS.
     """
     check_choice("The method of a record", method, METHODS)
     n_radius = round(RADIUS / step)
@@ -103,6 +97,8 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
     ValueError
         For an unknown method.
     """
+    from pymc_ship.records.denoising.denoise import denoise
+
     record, step = motion_record(trial, vessel), sampling_interval(trial)
     phi, dphi = bump(step, method)
     n_time, n_radius = record["u"].size, phi.size // 2
@@ -114,7 +110,10 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
             f"over {(n_time - 1) * step:g} s; use a longer trial."
         )
     average, differentiate = (_windows(kernel, centres - n_radius, n_time) for kernel in (phi, dphi))
-    motion, speed, known_forces = prime_record(vessel, _denoise_motion(trial, record))
+    names = [name for name in record if name != "delta"]
+    smooth = denoise(trial, translation_invariant=False, channels=names)  # decimated wavelet transform: fast
+    denoised = record | {name: np.ascontiguousarray(smooth[name].values) for name in names}
+    motion, speed, known_forces = prime_record(vessel, denoised)
     weight = (speed / vessel.particulars.nominal_speed) ** 2
     terms = tuple(dict.fromkeys(term for dof in vessel.dofs for term in vessel.terms(dof)))
     columns = average @ (evaluate(terms, motion) * weight[:, None])
@@ -134,7 +133,7 @@ def weak_form_start(
 ) -> np.ndarray:
     """Posterior mean of the weak form under the prior N(mean_j, (tau scale_j)^2): the start of a trajectory fit.
 
-    tau and the noise variance of each DOF maximise the evidence of all rows; parameters of parts stay at their means.
+    tau and the noise variance of each DOF maximise the evidence; parameters of parts stay at their means.
 
     Parameters
     ----------
@@ -142,8 +141,7 @@ def weak_form_start(
         Runs as measured; see :func:`weak_form`.
     vessel : Vessel, str or Path
     mean, scale : ndarray, shape (n_coefficients,)
-        Prior, in the order of :func:`~equations_of_motion.reference_coefficients`; a scale of infinity is a flat prior,
-        0 fixes a coefficient at its mean.
+        Prior, DOF after DOF; a scale of infinity is a flat prior, 0 fixes a coefficient at its mean.
     method : {"euler", "rk4"}, optional
         See :func:`bump`.
 
@@ -177,7 +175,7 @@ def coefficient_scales(
 ) -> np.ndarray:
     """Scale of each coefficient: rms(force) / rms(term) over the rows of the weak form, the force that of a first fit.
 
-    Arguments as :func:`weak_form_start`; positive prime values in its order. TrialError also for terms that stay 0.
+    Arguments as :func:`weak_form_start`; positive prime values. TrialError also for terms that stay 0.
     """
     vessel = as_vessel(vessel)
     scales = []
@@ -195,15 +193,6 @@ def coefficient_scales(
 
 def _rms(values: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(values**2, axis=0))
-
-
-def _denoise_motion(trial: xr.Dataset, record: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Record with its motion denoised by the decimated wavelet transform, which is fast."""
-    from pymc_ship.records.denoising.denoise import denoise
-
-    names = [name for name in record if name != "delta"]
-    smooth = denoise(trial, translation_invariant=False, channels=names)
-    return record | {name: np.ascontiguousarray(smooth[name].values) for name in names}
 
 
 def _momentum(vessel: Vessel, record: dict[str, np.ndarray]) -> np.ndarray:
@@ -241,10 +230,7 @@ def _stack_rows(
 
 
 def evidence_posterior_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Posterior mean of coefficients with prior scales and noise variance of maximum evidence, shape (n_terms,).
-
-    Rows (X, y) count as independent and equally noisy. Prior N(mean_j, (tau scale_j)^2) as in :func:`weak_form_start`.
-    """
+    """Posterior mean under N(mean_j, (tau scale_j)^2), tau and noise variance of maximum evidence, shape (n_terms,)."""
     free = np.isinf(scale)
     coefficients, residual = mean.copy(), y - X @ mean
     size = _rms(X[:, free])
