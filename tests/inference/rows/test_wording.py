@@ -118,7 +118,7 @@ test_errors_of_rows = wording(
         lambda frame: ps.RegressionData.from_arrays(frame.rename(columns={"r": "v"}), frame["Y"], ["v"]),
     ),
     (
-        r"^The table and the response must have the same index",
+        r"^The table and the response must have one index, found two",
         lambda frame: ps.RegressionData.from_arrays(frame[["v", "r"]], frame["Y"].iloc[::-1]),
     ),
     *(

@@ -33,14 +33,9 @@ def captive_bands(
         From :func:`pymc_ship.read_captive`; tests at other revolutions than those of the model are left out.
     vessel : Vessel
     draws : mapping of str to ndarray, shape (n_draws, n_coefficients)
-        By the name of their distribution.
+        By the name of their distribution, the dimension ``drawn`` of ``X_band``, ``Y_band`` and ``N_band``.
     revolutions : float, optional
         Nominal revolutions on the carriage over those of the vessel.
-
-    Returns
-    -------
-    Dataset, dims (test,), (drawn, band, test)
-        The tests, and ``X_band``, ``Y_band`` and ``N_band`` of the measured forces.
     """
     tests = nominal_revolution_tests(tests, vessel)
     s, motion = vessel.particulars, captive_motion(tests, vessel, revolutions)
@@ -92,7 +87,8 @@ def comparison_page_table(rows: Sequence[Mapping]) -> tuple[list[dict], dict]:
 @house_style
 def captive_figure(bands: xr.Dataset) -> Figure:
     """Measured forces and bands against drift, yaw rate and rudder, the others zero, near the median speed."""
-    motion, series = _figure_motion(bands), _series(bands)
+    motion = _figure_motion(bands)
+    series = _series(bands, motion)
     forces = [name for name in FORCES if f"{name}_band" in bands]
     columns = max(len(series), 1)
     fig, axes = subplots(3.2 * columns + 1.0, 2.1 * len(forces) + 0.5, len(forces), columns)
@@ -113,9 +109,9 @@ def captive_figure(bands: xr.Dataset) -> Figure:
     return fig
 
 
-def _series(bands: xr.Dataset) -> dict[str, np.ndarray]:
+def _series(bands: xr.Dataset, motion: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Indices, in order of the quantity, of the tests in which one quantity alone varies, by quantity."""
-    motion, speed = _figure_motion(bands), np.hypot(bands["u"].values, bands["v"].values)
+    speed = np.hypot(bands["u"].values, bands["v"].values)
     usual, series = np.abs(speed / np.median(speed) - 1.0) < _AT_SPEED, {}
     for name, values in motion.items():
         others = [np.isclose(motion[other], 0.0) for other in motion if other != name]

@@ -37,14 +37,10 @@ class CaptiveFit:
     ----------
     coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
         Posterior mode and its Gaussian covariance; ``likelihood`` is of the tests, without the prior.
-    noise_sd : dict of str to float
-        Root mean square residual of each force, prime at the nominal speed.
-    design_effect : float
-        Variance of the estimate over that of independent rows.
-    revolutions : float
-        Nominal revolutions on the carriage over those of the vessel.
-    discrepancy_scale : float
-        Sd of the difference of coefficients between carriage and ship, over the prior sd.
+    noise_sd, design_effect : dict of str to float, float
+        Rms residual by force, prime at the nominal speed; variance of the estimate over that of independent rows.
+    revolutions, discrepancy_scale : float
+        Nominal revolutions, carriage over vessel; sd of coefficients between carriage and ship, over the prior sd.
     """
 
     coefficients: np.ndarray
@@ -86,10 +82,8 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
 
     Raises
     ------
-    InferenceError
-        For a prior without a scale of some coefficient, or of another vessel.
-    TrialError
-        If a polynomial model has no test at the nominal revolutions.
+    InferenceError, TrialError
+        For a prior without a scale of some coefficient; if a polynomial model has no test at the nominal revolutions.
 
     Examples
     --------
@@ -144,10 +138,7 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
 def with_discrepancy(
     fit: CaptiveFit, prior: CoefficientPrior, coefficients: np.ndarray, covariance: np.ndarray
 ) -> CaptiveFit:
-    """Fit whose likelihood is of the coefficients under way, by a commensurate prior between carriage and ship.
-
-    ``coefficients`` and ``covariance`` are those of the ship from its trials and the prior alone.
-    """
+    """Fit with a commensurate prior between carriage and ship, from the ship's posterior without captive tests."""
     likelihood, (discrepancy_scale,) = commensurate_likelihood(fit.likelihood, prior, coefficients, covariance)
     return replace(fit, likelihood=likelihood, discrepancy_scale=discrepancy_scale)
 

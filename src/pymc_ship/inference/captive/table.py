@@ -53,8 +53,7 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     vessel : Vessel, str or Path
         For L and the nominal speed.
     format : str, Path or mapping, optional
-        TOML file or table with ``frame.rudder_positive``, ``frame.reference``, ``frame.forces``, ``scale.froude``; see
-        docs/reference/format_toml.md.
+        Frame and scale of the tests; see docs/reference/format_toml.md.
 
     Returns
     -------
@@ -121,7 +120,7 @@ def _columns(table: TextTable, path: Path) -> dict[str, Column]:
             )
         unit = unit or (name if name.lower() in ("rps", "rpm") else "")
         known = _MOTION[quantity][0] if quantity in _MOTION else None
-        factor = 1.0 if not unit else known and known.factor(unit)
+        factor = known.factor(unit) if unit and known else None if unit else 1.0
         if factor is None:
             wanted = f"one of {', '.join(known.spellings)}" if known else "left out, as forces are prime"
             raise TrialError(f"{path}, column {heading!r}: the unit is {wanted}, found {unit!r}; correct it.")

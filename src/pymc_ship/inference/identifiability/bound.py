@@ -50,10 +50,7 @@ def cramer_rao_bound(
 
 
 def errors_on_bound(relative_bound: np.ndarray) -> dict[str, float]:
-    """Expected :func:`tables.error_summary` of normal, unbiased estimates that reach the relative bound [%].
-
-    The bound is NaN for a reference of zero, infinite for an unidentified coefficient.
-    """
+    """Expected summary of the errors of normal, unbiased estimates that reach a relative bound [%]; NaN: left out."""
     bounds = relative_bound[~np.isnan(relative_bound)]
 
     def probability(limit: float) -> float:

@@ -24,23 +24,6 @@ UNKNOWN = 0.5
 _SMALLEST = 1e-12
 
 
-def information_root(
-    vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, initial_state: np.ndarray
-) -> np.ndarray | None:
-    """Factor R of the Fisher information R' R of one run, nuisance parameters eliminated; None if it diverged.
-
-    Shape (n, n_coefficients): one row for each coefficient, or for each value of a short run.
-    """
-    n_offsets = len(run.channels) if noise.offsets else 0
-    nuisances = np.concatenate([initial_state, np.zeros(n_offsets)])
-    rows = run_rows(vessel, run, noise, coefficients, nuisances)
-    if not rows:
-        return None
-    design = np.vstack([columns for _, columns in rows])
-    n = coefficients.size
-    return np.linalg.qr(_without(design[:, :n], design[:, n:]), mode="r")
-
-
 def identifiability(
     runs: xr.Dataset | Run | Sequence[xr.Dataset | Run],
     vessel: VesselLike,
@@ -64,10 +47,8 @@ def identifiability(
         Point of linearisation, DOF after DOF; the vessel's reference values by default.
     noise_sd : mapping of str to float, optional
         Noise sd of single samples by channel [SI] of trials that are no Run; by default from second differences.
-    noise : sequence of Noise, optional
-        Noise of each run; by default white, without offsets.
-    initial_states : sequence of array_like, shape (n_states,), optional
-        Of each run; by default from its first two seconds.
+    noise, initial_states : sequence of Noise, of array_like, shape (n_states,), optional
+        Of each run; by default white noise without offsets, and the state of the first two seconds.
 
     Returns
     -------
@@ -81,20 +62,16 @@ def identifiability(
 
     Raises
     ------
-    FitError
-        If a simulation diverges, for no run, or wrong numbers of noises, states or coefficients.
-    TrialError
-        For unusable trials.
+    FitError, TrialError
+        If a simulation diverges; for no run, wrong numbers of noises, states or coefficients, or unusable trials.
 
     References
     ----------
-    Maine & Iliff (1986), NASA RP-1168; Goodwin & Payne (1977), Dynamic System Identification, ch. 6; Van Trees (1968),
-    Detection, Estimation and Modulation Theory I, sec. 2.4; Gill & Levit (1995), doi:10.2307/3318681.
+    Maine & Iliff (1986), NASA RP-1168; Van Trees (1968), Detection, Estimation and Modulation Theory I, sec. 2.4;
+    Gill & Levit (1995), doi:10.2307/3318681.
 
     Examples
     --------
-    Cramer-Rao bounds of a linear and a cubic coefficient from a zigzag:
-
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
@@ -113,14 +90,8 @@ def identifiability(
         relative = np.where(reference == 0.0, np.nan, 100.0 * bound / np.abs(reference))
         contraction = np.where(np.isinf(bayesian_bound), 0.0, 1.0 - (bayesian_bound / prior_sd) ** 2)
     weight, variance_ratio = _unknown_directions(root, prior_sd)
-    columns = {
-        "reference": reference,
-        "bound": bound,
-        "relative_bound": relative,
-        "prior_sd": prior_sd,
-        "bayesian_bound": bayesian_bound,
-        "contraction": contraction,
-    }
+    columns = {"reference": reference, "bound": bound, "relative_bound": relative}
+    columns |= {"prior_sd": prior_sd, "bayesian_bound": bayesian_bound, "contraction": contraction}
     s = np.linalg.svd(root / _norms(root), compute_uv=False)
     singular = root.shape[0] < root.shape[1] or s[-1] <= _SMALLEST * s[0]
     return xr.Dataset(
@@ -158,13 +129,12 @@ def runs_root(
         )
     roots = []
     for k, run in enumerate(prepared):
-        root = information_root(vessel, run, noise[k], theta, np.asarray(states[k], dtype=float))
-        if root is None:
-            raise FitError(
-                f"The simulation must stay in the model's range, found it diverged in run {k + 1}; change the "
-                "coefficients."
-            )
-        roots.append(root)
+        offsets = np.zeros(len(run.channels) if noise[k].offsets else 0)
+        rows = run_rows(vessel, run, noise[k], theta, np.concatenate([np.asarray(states[k], dtype=float), offsets]))
+        if not rows:
+            raise FitError(f"The simulation must stay in range, found it diverged in run {k + 1}; change coefficients.")
+        design = np.vstack([columns for _, columns in rows])
+        roots.append(np.linalg.qr(_without(design[:, : theta.size], design[:, theta.size :]), mode="r"))
     return np.linalg.qr(np.vstack(roots), mode="r")
 
 

@@ -46,19 +46,17 @@ def simulation_based_calibration(
         Design and scaling; the response is simulated.
     prior : Prior
     sample : callable, optional
-        ``sample(data, prior, draws, rng)`` returns independent :data:`Draws`; :func:`exact_draws` by default.
-    simulations, draws, rng
-        Number of simulated data sets, of posterior draws for each, and generator.
+        ``sample(data, prior, draws, rng)`` returns independent :data:`Draws`.
+    simulations, draws : int, optional
+        Number of simulated data sets, and of posterior draws for each.
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
     Dataset
         Dims simulation, quantity (every coefficient, ``"noise_variance"``, ``"log_likelihood"``): ``rank``,
         ``p_value`` and ``z`` of uniformity; attrs ``largest_z``, ``z_limit``, ``comparisons``, ``calibrated`` (0 or 1).
-
-    References
-    ----------
-    Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), doi:10.1214/23-BA1404.
+        Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), doi:10.1214/23-BA1404.
     """
     rng = random_generator(rng)
     check_prior(prior)
@@ -89,7 +87,7 @@ def coverage(
     data, prior, simulations, rng
         As for :func:`simulation_based_calibration`.
     quantiles : callable, optional
-        ``quantiles(data, prior, probabilities)`` returns the posterior quantiles, shape (n, n_terms + 1), the noise
+        ``quantiles(data, prior, probabilities)`` returns posterior quantiles, shape (n, n_terms + 1), that of the noise
         variance last; those of the exact posterior by default.
     probabilities : sequence of float, optional
         Of the central intervals.

@@ -48,12 +48,10 @@ def fold_rows(
 
     Parameters
     ----------
-    n_rows : int
-    folds : int, optional
+    n_rows, folds : int
     split : {"blocks", "random"}, optional
-        Contiguous blocks (neighbouring rows of a trial are correlated), or rows at random.
+        Contiguous blocks (neighbouring rows of a trial are correlated), or rows at random, which needs ``rng``.
     rng : numpy.random.Generator, optional
-        Needed by ``"random"`` only.
 
     Raises
     ------

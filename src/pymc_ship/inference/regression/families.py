@@ -17,10 +17,7 @@ FAMILIES: dict[str, type[Prior]] = {prior.family: prior for prior in (ConjugateP
 def register_family(prior_class: type[Prior]) -> type[Prior]:
     """Register a prior family under its name in this process, for functions that take a name; a decorator of its class.
 
-    Parameters
-    ----------
-    prior_class : subclass of Prior
-        With a name of its own, ``noise_power``, ``box`` and ``exact``; else InferenceError.
+    InferenceError for a class without a name of its own, ``noise_power``, ``box`` and ``exact``.
     """
     lacking = [name for name in ("noise_power", "box") if not hasattr(prior_class, name)]
     lacking += ["exact"] if isabstract(prior_class) else []

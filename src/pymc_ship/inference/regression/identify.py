@@ -80,26 +80,21 @@ def identify(
     trial : Dataset, dims (time,)
         Denoised if accelerations are differences; as measured for the weak form.
     vessel : Vessel, str or Path
-        Particulars, inertia and terms.
     families : sequence of str, optional
         Names of prior families, registered ones included.
     selection : {"evidence", "bayesian_optimisation"}, optional
-        Hyperparameters from the maximum of the evidence or from Bayesian optimisation of the cross-validated log
-        predictive density (which needs ``rng``).
-    interval : float, optional
-        Interval of the rows [s]; None for every sample or, in the weak form, each 4 s.
-    derivative : str, optional
-        See :func:`pymc_ship.regression_data`.
+        How hyperparameters are chosen: :func:`~pymc_ship.inference.regression.tune.maximise_evidence`, or
+        :func:`~pymc_ship.inference.regression.tune.tune_prior`, which needs ``rng``.
+    interval, derivative : optional
+        As :func:`pymc_ship.regression_data`, the interval 1 s by default.
     rng : int, SeedSequence or Generator, optional
     progress : callable, optional
         Called with a short text before each step.
 
     Raises
     ------
-    TrialError, InferenceError
-        For an unusable trial or an unknown family.
-    ValueError
-        For an unknown selection, or Bayesian optimisation without ``rng``.
+    TrialError, InferenceError, ValueError
+        For an unusable trial, an unknown family or selection, or Bayesian optimisation without ``rng``.
 
     Examples
     --------
@@ -122,12 +117,11 @@ def identify(
             f"Hyperparameters are selected by {' or '.join(SELECTIONS)} (which needs rng), found {selection!r}."
         )
     data = {dof: regression_data(trial, vessel, dof, interval=interval, derivative=derivative) for dof in vessel.dofs}
-    priors: dict[str, dict] = {}
-    tuned: dict[str, dict] = {}
-    exact: dict[str, dict] = {}
+    priors: dict[str, dict[str, Prior]] = {family: {} for family in families}
+    tuned: dict[str, dict[str, TunedPrior]] = {family: {} for family in families}
+    exact: dict[str, dict[str, ExactPosterior]] = {family: {} for family in families}
     for family in families:
         prior_family(family)
-        priors[family], exact[family], tuned[family] = {}, {}, {}
         for dof, rows in data.items():
             progress(f"prior of {dof}, {family}")
             if rng is None or selection == "evidence":
@@ -142,33 +136,26 @@ def identify(
 def regression_draws(
     drawn: xr.Dataset, vessel: VesselLike, dof: str, *, interval: float | None = None, derivative: str = "euler"
 ) -> list[RegressionData]:
-    """Regression data of one degree of freedom for each draw of a denoised trial, each with its own scaling.
+    """Regression data of each draw of a denoised trial, dims (draw, time), from :func:`pymc_ship.denoise_draws`.
 
-    Parameters
-    ----------
-    drawn : Dataset, dims (draw, time)
-        From :func:`pymc_ship.denoise_draws`; InferenceError without draws.
-    vessel, dof, interval, derivative
-        As for :func:`pymc_ship.regression_data`.
+    The other arguments are those of :func:`pymc_ship.regression_data`. InferenceError without draws.
     """
     vessel = as_vessel(vessel)
     if "draw" not in drawn.dims:
-        raise InferenceError(
-            "Regression draws need a trial with the dimension draw, found none; make it by `denoise_draws`."
-        )
+        raise InferenceError("Regression draws need a trial with the dimension draw, found none; use denoise_draws.")
     runs = (drawn.isel(draw=k, drop=True) for k in range(drawn.sizes["draw"]))
     return [regression_data(run, vessel, dof, interval=interval, derivative=derivative) for run in runs]
 
 
 def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: int = 4000, rng: Seed) -> xr.Dataset:
-    """Coefficients under the mixture of the posteriors of all draws of the rows, as in multiple imputation.
+    """Coefficients under the mixture of the posteriors of all draws of the rows: multiple imputation of Rubin (1987).
 
     Parameters
     ----------
     rows : sequence of RegressionData
-        The same regression on draws of its data, from :func:`regression_draws`; at least two.
+        The same regression on two or more draws of its data, from :func:`regression_draws`.
     prior : Prior
-        Of the scaled coefficients, the same for all.
+        Of the scaled coefficients.
     draws : int, optional
         Draws from the mixture for its quantiles, equally many of each posterior.
     rng : int, SeedSequence or Generator
@@ -183,23 +170,6 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     ------
     InferenceError
         For fewer than two draws, or rows of different coefficients.
-
-    References
-    ----------
-    Rubin (1987), Multiple Imputation for Nonresponse in Surveys, doi:10.1002/9780470316696.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> drawn = ps.denoise_draws(ps.pollute(trial, level=0.01, rng=rng), draws=20, rng=rng)
-    >>> rows = ps.regression_draws(drawn, vessel, "yaw", interval=2.0)
-    >>> prior, _ = ps.maximise_evidence(rows[0])
-    >>> pooled = ps.pooled_coefficients(rows, prior, rng=rng).sel(coefficient="Ngsincos")
-    >>> print(f"{1e5 * pooled['mean']:.0f}, sd {1e5 * pooled['within_sd']:.1f} and {1e5 * pooled['sd']:.1f}")
-    -188, sd 17.3 and 27.0
     """
     rng, names = random_generator(rng), {data.coefficients for data in rows}
     if len(rows) < 2 or len(names) > 1:
@@ -213,13 +183,8 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     between = np.var([one.mean for one in exact], axis=0, ddof=1)
     sample = np.concatenate([one.draw(-(-draws // len(exact)), rng)[0] for one in exact])
     lower, upper = np.quantile(sample, [0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], axis=0)
-    columns = {
-        "mean": mean,
-        "within_sd": np.sqrt(within),
-        "between_sd": np.sqrt(between),
-        "sd": np.sqrt(within + (1.0 + 1.0 / len(exact)) * between),
-        "lower": lower,
-        "upper": upper,
-    }
+    total = np.sqrt(within + (1.0 + 1.0 / len(exact)) * between)
+    columns = {"mean": mean, "within_sd": np.sqrt(within), "between_sd": np.sqrt(between), "sd": total}
+    columns |= {"lower": lower, "upper": upper}
     coefficients = {"coefficient": list(rows[0].coefficients)}
     return xr.Dataset({name: ("coefficient", values) for name, values in columns.items()}, coefficients)

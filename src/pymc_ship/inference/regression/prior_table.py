@@ -30,17 +30,16 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
     Parameters
     ----------
     data : RegressionData
-        Only its scaling is used.
     prior : Prior
-        Prior of the noise variance, and of the coefficients that are not in the table.
+        Of the noise variance, and of the coefficients that are not in the table.
     table : mapping of str to (float, float)
         Mean and standard deviation by name of coefficient.
 
     Raises
     ------
     InferenceError
-        For names the data do not have, means or sds that are not finite, an sd that is not positive, the constant of
-        centred columns, or a conjugate prior whose noise variance has no mean (shape <= 1).
+        For unknown names, values that are not finite, an sd that is not positive, the constant of centred columns, or
+        a conjugate prior whose noise variance has no mean (shape <= 1).
 
     Examples
     --------
@@ -76,10 +75,10 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
 
 
 def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionData:
-    """Regression data with some coefficients fixed at known values: their part of the response is subtracted.
+    """Regression data without some coefficients, fixed at known values: their part of the response is subtracted.
 
-    The other columns keep their scale, so that their prior keeps its meaning; they lose their centres if the constant
-    is fixed. A prior with vectors must be made for the new data.
+    The other columns keep their scale; they lose their centres if the constant is fixed. A prior with vectors must be
+    made for the new data. :func:`restore_fixed` adds the coefficients to a posterior.
 
     Parameters
     ----------
@@ -87,24 +86,10 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
     values : mapping of str to float
         Value in the units of the original columns by name of coefficient.
 
-    Returns
-    -------
-    RegressionData
-        Without the columns of these coefficients; :func:`restore_fixed` adds them to a posterior.
-
     Raises
     ------
     InferenceError
-        For names the data do not have, values that are not finite, or when no coefficient is left.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
-    >>> ps.hold_fixed(data, {"N0": 0.0, "Nr": -0.0023}).coefficients
-    ('Nv', 'Ngv', 'Ngr', 'Nvvv', 'Nvvr', 'Nvrr', 'Nrrr', 'Ng|r|', 'Ngsincos', 'Ngsincos|delta|')
+        For unknown names, values that are not finite, or when no coefficient is left.
     """
     _check_names(values, data.coefficients)
     fixed = {name: _number(name, value) for name, value in values.items()}
@@ -138,8 +123,7 @@ def restore_fixed(
     values : mapping of str to float
         As given to :func:`hold_fixed`.
     coefficients : sequence of str, optional
-        Order of all coefficients, such as ``data.coefficients`` of the original data; by default the free ones, then
-        the fixed ones.
+        Order of all coefficients; by default the free ones, then the fixed ones.
 
     Returns
     -------
@@ -163,13 +147,12 @@ def restore_fixed(
         raise InferenceError(
             f"The order names each free and fixed coefficient once, found a mismatch in {', '.join(odd)}; correct it."
         )
-    constant = xr.DataArray(list(fixed.values()), {"coefficient": list(fixed)}, "coefficient")
-    draws = posterior["coefficients"]
-    constants = constant.broadcast_like(draws.isel(coefficient=0, drop=True))
-    whole = xr.concat([draws, constants], "coefficient") if fixed else draws
+    whole = posterior["coefficients"].reindex(coefficient=ordered)
+    for name, value in fixed.items():
+        whole.loc[{"coefficient": name}] = value
     rest = posterior.drop_vars(("coefficients", "coefficient"))
     restored = tree.copy()
-    restored["posterior"] = xr.DataTree(rest.assign(coefficients=whole.sel(coefficient=ordered)))
+    restored["posterior"] = xr.DataTree(rest.assign(coefficients=whole))
     restored.attrs["fixed"] = json.dumps(fixed)
     return restored
 
@@ -180,9 +163,8 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
     Parameters
     ----------
     data : RegressionData
-        With names of a letter and a term, such as ``Yv|v|``, which is of order 2.
     prior : Prior
-        Its kappa is that of the terms of order 0 and 1.
+        Its kappa is that of the terms of order 0 and 1; ``Yv|v|`` is of order 2.
     damping : float, optional
         Factor of the prior sd (on the scaled columns) for each order; in (0, 1].
 
@@ -231,19 +213,8 @@ def sister_ship_table(
 
     Raises
     ------
-    VesselError
-        When the vessel has no such DOF.
-    InferenceError
-        When relative_sd or floor is negative or not finite, or an sd would be 0.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> table = ps.sister_ship_table(ps.load_vessel("container"), "yaw", names=["Nv", "Nr"])
-    >>> for name, (mean, sd) in table.items():
-    ...     print(f"{name} = {mean:.5f}, sd {sd:.5f}")
-    Nv = -0.00300, sd 0.00090
-    Nr = -0.00290, sd 0.00087
+    VesselError, InferenceError
+        When the vessel has no such DOF; for numbers negative or not finite, or an sd of 0.
     """
     vessel = as_vessel(vessel)
     reference = vessel.coefficients(dof)

@@ -46,14 +46,12 @@ class Prior(ABC):
 
     Attributes
     ----------
-    family, colour : str
-        Name of the family in arguments, in files and on pages, and its hex colour in figures.
+    family, colour, citation : str
+        Name of the family, its hex colour in figures, and further source of its exact posterior.
     noise_power : float
         1 if the prior variance of the coefficients is proportional to the noise variance, 0 if independent of it.
     box : mapping of str to (float, float)
         Bounds of the hyperparameters in a search, by argument of :meth:`from_box`, for z-scored data.
-    citation : str
-        Source of the exact posterior beside Xue et al. (2020), if any.
     """
 
     mean: float | np.ndarray = 0.0
@@ -262,10 +260,7 @@ class RotatedPosterior(ExactPosterior):
         return np.exp(log_inverse_gamma(noise_variance, self.prior_shape, self.prior_scale))
 
     def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
-
-        New rows are as for :func:`~pymc_ship.inference.rows.frames.new_design`.
-        """
+        """Mean and sd, shape (n_new,), of the response of new rows, noise included; rows as for ``new_design``."""
         rotated, middle = self._rotate_rows(new_rows)
         mean, variance = self._moments(rotated)
         return middle + mean, np.sqrt(variance)

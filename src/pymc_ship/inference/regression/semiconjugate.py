@@ -48,18 +48,7 @@ class SemiConjugatePrior(Prior):
     colour = "#c8551b"
 
     def exact(self, data: RegressionData) -> NormalMixture:
-        """Exact posterior of the model of Xue et al. (2020), Eq. 18-20, by quadrature over the noise variance.
-
-        Examples
-        --------
-        >>> import pymc_ship as ps
-        >>> vessel = ps.load_vessel("kvlcc2")
-        >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-        >>> data = ps.regression_data(trial, vessel, "yaw")
-        >>> exact = ps.SemiConjugatePrior(kappa=1e4).exact(data)
-        >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.4f}, sd {exact.sd[-1]:.5f}")
-        Ngsincos|delta| = -0.0011, sd 0.00006
-        """
+        """Exact posterior of the model of Xue et al. (2020), Eq. 18-20, by quadrature over the noise variance."""
         warn_of_uneven_columns(data, self)
         rotation, unit = rotate(data, self), data.response_scale
         s, z = unit * rotation.singular_values, unit * rotation.projection
@@ -86,14 +75,8 @@ class SemiConjugatePrior(Prior):
 class NormalMixture(RotatedPosterior):
     """Exact posterior under a semi-conjugate prior: coefficients = center + g basis on the original scale.
 
-    Attributes
-    ----------
-    singular_values, projections : ndarray, shape (n_terms,)
-        s and z of :mod:`pymc_ship.inference.regression.priors`, in units of the response.
-    residual_square : float
-        Sum of the squared residuals of least squares.
-    log_noise_variance, weights : ndarray, shape (n_nodes,)
-        Equidistant nodes in log sigma2 and their posterior weights, which add up to 1.
+    ``singular_values``, ``projections``, ``residual_square`` are s, z and |e|^2 in units of the response; ``weights``
+    are those of the equidistant nodes ``log_noise_variance``, shape (n_nodes,), and add up to 1.
     """
 
     singular_values: np.ndarray

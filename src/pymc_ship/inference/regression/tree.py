@@ -63,10 +63,8 @@ def draws_tree(
     data : RegressionData
     prior : Prior
     coefficients, noise_variance : ndarray, shape (n_chains, n_draws, n_terms), (n_chains, n_draws)
-    method : str
-        How the draws were made: ``"conjugate"``, ``"semiconjugate"``, ``"gibbs"``, ``"nuts"``.
-    rng_state : str
-        State of the generator before the first draw, from :func:`rng_state`.
+    method, rng_state : str
+        How the draws were made, such as ``"gibbs"``; :func:`rng_state` before the first draw.
     groups : dict of str to Dataset, optional
         Further groups such as ``sample_stats``.
 
@@ -110,7 +108,6 @@ def exact_posterior(
     ----------
     data : RegressionData
     prior : Prior
-        On the scaled columns; mean and kappa may be vectors.
     draws, chains : int, optional
         Total number of draws, and number of chains that they are laid out in.
     rng : int, SeedSequence or Generator
@@ -122,10 +119,8 @@ def exact_posterior(
 
     Raises
     ------
-    InferenceError
-        For an argument that is no prior, or vectors of the wrong length.
-    ValueError
-        When ``draws`` is no positive multiple of ``chains``.
+    InferenceError, ValueError
+        For no prior, or vectors of the wrong length; for ``draws`` that are no positive multiple of ``chains``.
 
     Examples
     --------
@@ -192,30 +187,10 @@ def provenance(work: str) -> dict[str, str]:
 def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     """Write a posterior to NetCDF (``.nc``) or Zarr (``.zarr``), with a checksum that :func:`read_posterior` verifies.
 
-    Parameters
-    ----------
-    tree : DataTree
-    path : str or Path
-        Ends in ``.nc`` or ``.zarr``.
-
     Raises
     ------
-    ValueError
-        For another ending.
-    OutputError
-        When the folder cannot be written.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
-    >>> tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=np.random.default_rng(1))
-    >>> path = ps.write_posterior(tree, "yaw.nc")
-    >>> ps.read_posterior(path).identical(tree)
-    True
+    ValueError, OutputError
+        For another ending of the path; for a folder that cannot be written.
     """
     path = Path(path)
     if path.suffix not in FILES:

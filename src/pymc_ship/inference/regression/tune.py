@@ -51,14 +51,12 @@ class TunedPrior:
 
     def __repr__(self) -> str:
         """The prior with its score, and those of the search and of maximum evidence."""
-        others = {
-            "best point": (self.evaluated_prior, self.evaluated_score),
-            "surrogate": (self.surrogate_prior, self.surrogate_score),
-            "evidence": (self.evidence_prior, self.evidence_score),
-        }
+        others = [("best point", self.evaluated_prior, self.evaluated_score)]
+        others += [("surrogate", self.surrogate_prior, self.surrogate_score)]
+        others += [("evidence", self.evidence_prior, self.evidence_score)]
         head = f"TunedPrior of the {self.prior.family} family, {len(self.scores)} evaluations"
         lines = [f"  {'prior':12}{_numbers(self.prior)}, score {self.score:.5g} ± {self.score_se:.2g}"]
-        lines += [f"  {name:12}{_numbers(prior)}, score {score:.5g}" for name, (prior, score) in others.items()]
+        lines += [f"  {name:12}{_numbers(prior)}, score {score:.5g}" for name, prior, score in others]
         edges = [f"  {name:12}on an edge of its box: {', '.join(at)}" for name, at in self.edges.items()]
         return "\n".join([head, *lines, *edges])
 
@@ -100,13 +98,11 @@ def tune_prior(
     Raises
     ------
     InferenceError
-        For an unknown family, impossible folds, fewer than 6 evaluations, or a box with other names or with bounds
-        not positive and increasing.
+        For an unknown family, impossible folds, fewer than 6 evaluations, or a box as :func:`maximise_evidence`.
 
     References
     ----------
-    Xue et al. (2020), Algorithm 2, doi:10.1016/j.oceaneng.2019.106612; Jones, Schonlau & Welch (1998),
-    doi:10.1023/A:1008306431147.
+    Xue et al. (2020), Algorithm 2; Jones, Schonlau & Welch (1998), doi:10.1023/A:1008306431147.
     """
     rng = random_generator(rng)
     prior_type = prior_family(family)
@@ -151,9 +147,7 @@ def maximise_evidence(
     Parameters
     ----------
     data : RegressionData
-    family : str, optional
-        ``"conjugate"``, ``"semiconjugate"`` or a registered family.
-    box : dict of str to (float, float), optional
+    family, box : optional
         As :func:`tune_prior`; :func:`on_edge` names the hyperparameters on a bound.
 
     Returns
@@ -179,8 +173,6 @@ def maximise_evidence(
     >>> print(f"{log_evidence:.0f} > {ps.ConjugatePrior().exact(data).log_evidence:.0f}")
     1360 > 1255
     """
-    from scipy.optimize import minimize
-
     prior_type = prior_family(family)
     bounds = _log_bounds(prior_type, box)
     low, width = bounds[:, 0], np.ptp(bounds, axis=1)
@@ -192,9 +184,7 @@ def maximise_evidence(
     corners = [corner for corner in product((-1, 1), repeat=len(low)) if corner.count(1) % 2 == 0]
     starts = 0.5 + 0.25 * np.array([[0] * len(low), *corners])
     options = {"eps": 1e-6, "ftol": 1e-13, "maxiter": 200}
-    results = [minimize(loss, x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(low), options=options) for x in starts]
-    best = min(results, key=lambda result: result.fun)
-    prior = _prior(prior_type, low + width * np.clip(best.x, 0.0, 1.0))
+    prior = _prior(prior_type, low + width * _minimise(loss, starts, options))
     return prior, prior.exact(data).log_evidence
 
 
@@ -240,14 +230,18 @@ def _search(
 
 def _surrogate_optimum(surrogate: Any, evaluated: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Minimum of the surrogate's mean in the unit cube."""
-    from scipy.optimize import minimize
-
     candidates = np.vstack([rng.random((4096, evaluated.shape[1])), np.clip(evaluated, 0.0, 1.0)])
     best = candidates[np.argsort(surrogate.predict(candidates))[:5]]
-    results = [
-        minimize(lambda x: float(surrogate.predict(x[None])[0]), x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * x.size)
-        for x in best
-    ]
+    return _minimise(lambda x: float(surrogate.predict(x[None])[0]), best)
+
+
+def _minimise(
+    loss: Callable[[np.ndarray], float], starts: np.ndarray, options: dict[str, float] | None = None
+) -> np.ndarray:
+    """Minimum of a loss in the unit cube by L-BFGS-B from several starts."""
+    from scipy.optimize import minimize
+
+    results = [minimize(loss, x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * x.size, options=options) for x in starts]
     return np.clip(min(results, key=lambda result: result.fun).x, 0.0, 1.0)
 
 

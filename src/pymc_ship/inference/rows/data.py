@@ -130,19 +130,15 @@ class RegressionData:
         if X.ndim != 2 or X.size == 0:
             raise InferenceError(f"A design matrix has shape (rows, terms), found {X.shape}; reshape it.")
         names = tuple(coefficients) if coefficients is not None else tuple(f"x{j + 1}" for j in range(X.shape[1]))
-        _check(X, y, names)
+        times = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
+        runs = np.full(len(y), "1") if run is None else np.array(run, dtype=str)
+        _check(X, y, names, times, runs)
         varies = np.ptp(X, axis=0) > 1e-14 * np.abs(X).max(axis=0)
         constants = np.flatnonzero(~varies & (X[0] != 0.0))
         constant = int(constants[0]) if constants.size else -1
-        times = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
-        if times.shape != y.shape:
-            raise InferenceError(f"The time has one value for each of {len(y)} rows, found shape {times.shape}.")
-        runs = np.full(len(y), "1") if run is None else np.array(run, dtype=str)
-        if runs.shape != y.shape:
-            raise InferenceError(f"Each of {len(y)} rows is of one run, found runs of shape {runs.shape}.")
-        unscaled: dict[str, Any] = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names))}
-        unscaled |= {"response_center": 0.0, "response_scale": 1.0}
-        data = cls(X, y, names, **unscaled, constant=constant, time=times, run=runs, **labels)
+        values: dict[str, Any] = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names)), **labels}
+        values |= {"response_center": 0.0, "response_scale": 1.0, "constant": constant, "time": times, "run": runs}
+        data = cls(X, y, names, **values)
         check_choice("The scaling", scaling, SCALINGS, InferenceError)
         return data if scaling == "none" else data._zscore(varies)
 
@@ -222,7 +218,8 @@ class RegressionData:
     @cached_property
     def svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Thin singular value decomposition (left, singular_values, right transposed) of the scaled design."""
-        return np.linalg.svd(self.scaled_design_matrix, full_matrices=False)
+        left, s, right = np.linalg.svd(self.scaled_design_matrix, full_matrices=False)
+        return left, s, right
 
     @cached_property
     def projection(self) -> tuple[np.ndarray, float]:
@@ -274,9 +271,10 @@ class RegressionData:
         return np.linalg.solve(T, shifted.reshape(-1, self.n_terms).T).T.reshape(shifted.shape)
 
 
-def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...]) -> None:
-    if y.shape != (X.shape[0],):
-        raise InferenceError(f"The response has one value for each of {X.shape[0]} rows, found shape {y.shape}.")
+def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...], time: np.ndarray, run: np.ndarray) -> None:
+    for what, values in {"response": y, "time": time, "run": run}.items():
+        if values.shape != (len(X),):
+            raise InferenceError(f"The {what} has one value for each of {len(X)} rows, found shape {values.shape}.")
     if len(names) != X.shape[1]:
         raise InferenceError(f"Each of the {X.shape[1]} columns has one name, found {len(names)} names.")
     if len(set(names)) != len(names):

@@ -33,7 +33,8 @@ def frame_columns(frame: Any, names: Sequence[str], what: str) -> np.ndarray:
     """Columns of a table by name, shape (n_rows, n_names); InferenceError if missing, repeated or not numeric."""
     check_names(frame, names, what)
     available, values = frame_names(frame), frame.to_numpy()
-    columns = [_numbers(values[:, available.index(name)], name, what) for name in names]
+    fault = f"{what} need numbers, found none in the column {{}}; convert it."
+    columns = [_numbers(values[:, available.index(name)], fault.format(name)) for name in names]
     return np.column_stack(columns) if columns else np.empty((len(values), 0))
 
 
@@ -48,11 +49,11 @@ def check_names(frame: Any, names: Sequence[str], what: str) -> None:
         )
 
 
-def _numbers(values: np.ndarray, name: str, what: str) -> np.ndarray:
+def _numbers(values: Any, fault: str) -> np.ndarray:
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):
-        raise InferenceError(f"{what} need numbers, found none in the column {name}; convert it.") from None
+        raise InferenceError(fault) from None
 
 
 def _name_list(names: Sequence[str]) -> str:
@@ -62,11 +63,10 @@ def _name_list(names: Sequence[str]) -> str:
 def check_same_rows(design_matrix: Any, response: Any) -> None:
     """Raise InferenceError if a table and a column of another table differ in their index."""
     index, other = getattr(design_matrix, "index", None), getattr(response, "index", None)
-    tables = index is not None and other is not None and hasattr(response, "to_numpy")
-    if tables and not np.array_equal(index, other):
-        raise InferenceError(
-            "The table and the response must have the same index, found two that differ; take both from one table."
-        )
+    if index is None or other is None or not hasattr(response, "to_numpy"):
+        return
+    if not np.array_equal(index, other):
+        raise InferenceError("The table and the response must have one index, found two; take both from one table.")
 
 
 def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | None = None) -> np.ndarray:
@@ -75,7 +75,7 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
     InferenceError for another shape, missing or repeated columns, values that are not finite.
     """
     if not is_frame(new_rows):
-        X = _floats(new_rows)
+        X = _numbers(new_rows, f"New rows are numbers, found {short_repr(new_rows)}; convert them.")
     elif formula is None:
         X = frame_columns(new_rows, coefficients, "New rows")
     else:
@@ -87,15 +87,6 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
             return X
         fault = f"NaN or infinity in {_name_list(bad)}"
     raise InferenceError(f"New rows are finite, of shape (rows, {len(coefficients)}), found {fault}; check them.")
-
-
-def _floats(values: Any) -> np.ndarray:
-    try:
-        return np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InferenceError(
-            f"New rows are numbers, an array or a DataFrame, found {short_repr(values)}; convert them."
-        ) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +116,7 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
     try:
         from formulae import design_matrices
     except ImportError:
-        raise InferenceError(
-            "Formulas need the package formulae, which is not installed; install pymc-ship[formula]."
-        ) from None
+        raise InferenceError("Formulas need the package formulae, found none; install pymc-ship[formula].") from None
     if not is_frame(frame):
         raise InferenceError(f"A formula needs a table, found {short_repr(type(frame))}; give a DataFrame.")
     try:

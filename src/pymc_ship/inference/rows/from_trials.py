@@ -65,10 +65,8 @@ def regression_data(
         For missing channels, NaN, or time that is not uniform; for the weak form, a trial too short or too coarse.
     InferenceError
         If the rudder never moves, the interval is no multiple of the sampling interval, or rows are fewer than terms.
-    ValueError
-        For an unknown derivative.
-    VesselError
-        When the vessel has no such DOF.
+    ValueError, VesselError
+        For an unknown derivative; when the vessel has no such DOF.
 
     Examples
     --------

@@ -84,7 +84,6 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
     trial : Dataset, dims (time,)
         Channels as for :func:`pymc_ship.regression_data`, not denoised.
     vessel : Vessel
-        Particulars, inertia and terms; its reference coefficients are not used.
     stride : int, optional
         Samples from one centre to the next; :data:`INTERVAL` by default.
     method : {"euler", "rk4"}, optional
@@ -92,10 +91,8 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
 
     Raises
     ------
-    TrialError
-        For missing channels, NaN, time that is not uniform, a record that is too short or sampled too slowly.
-    ValueError
-        For an unknown method.
+    TrialError, ValueError
+        For missing channels, NaN, time that is not uniform, a record too short or too coarse; for an unknown method.
     """
     from pymc_ship.records.denoising.denoise import denoise
 
@@ -147,10 +144,8 @@ def weak_form_start(
 
     Raises
     ------
-    TrialError
-        As :func:`weak_form`.
-    ValueError
-        For a mean or scale of another shape, not finite or negative, or an unknown method.
+    TrialError, ValueError
+        As :func:`weak_form`; for a mean or scale of another shape, not finite or negative.
     """
     vessel = as_vessel(vessel)
     n_terms = [len(vessel.terms(dof)) for dof in vessel.dofs]
