@@ -105,11 +105,11 @@ test_vessel_errors = wording(
         lambda: identified(trials(0)[:1], ("quartic",)),
     ),
     (
-        r"need the propeller of 'kvlcc2', found none; add the table \[propeller\]\.$",
+        r"need a propeller of 'kvlcc2', found none; add \[propeller\]\.$",
         lambda: ps.identify_ship(trials(0)[:1], replace(tanker(), propeller=None), terms=(POORER,), rng=0),
     ),
     (
-        "needs the draught d of 'kvlcc2', found none; add d",
+        r"needs the draught d of 'kvlcc2'; add d \[m\] to \[particulars\]\.$",
         lambda: ps.with_terms(replace(KNOWN, particulars=replace(KNOWN.particulars, d=0.0)), WITH),
     ),
 )

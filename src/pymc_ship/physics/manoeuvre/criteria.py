@@ -23,7 +23,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     tree : DataTree
         From :func:`pymc_ship.forecast`; its attr ``calibration_cap``, if any, bounds the probabilities.
     vessel : Vessel, str or Path
-        Gives L.
+        Gives L; the speed is the approach speed of the manoeuvre.
 
     Returns
     -------
@@ -46,13 +46,14 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     advance passes 1.0
     tactical diameter passes 1.0
     """
+    vessel = as_vessel(vessel)
     if "indices" not in tree.children:
         return []
     index_draws, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
     running = ~tree["trajectories"].to_dataset()["diverged"].values
     cap = tree.attrs.get("calibration_cap", 1.0)
     rows = []
-    for name, limit, unit, units in imo_limits(index_draws.attrs, as_vessel(vessel)):
+    for name, limit, unit, units in imo_limits(index_draws.attrs, vessel):
         values = index_draws[name].values / unit
         reached = running & np.isfinite(values)
         probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - cap, cap))
