@@ -39,13 +39,13 @@ def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
     try:
         prior = json.loads(tree.attrs["prior"])
         sizes = {len(prior[key]) for key in ("mean", "scale")} | {tree["posterior"].sizes["coefficient"]}
-        complete = len(sizes) == 1 and isinstance(prior["tau"], dict) and isinstance(prior["family"], str)
+        complete = len(sizes) == 1 and isinstance(prior["factors"], dict) and isinstance(prior["family"], str)
     except (ValueError, KeyError, TypeError):
         complete = False
     if not complete:
         raise ValueError(
-            f"{name} is no posterior of this package: its prior is to give family, tau, and mean and scale of every "
-            "coefficient; give one that `pymc-ship fit` made."
+            f"{name} is no posterior of this package: its prior is to give family, factors, and mean and scale of "
+            "every coefficient; give one that `pymc-ship fit` made."
         )
 
 
@@ -57,10 +57,9 @@ def contraction(tree: xr.DataTree) -> xr.Dataset:
 
 
 def prior_of(tree: xr.DataTree) -> CoefficientPrior:
-    """Prior of a posterior, its factors tau included in the scale."""
+    """Normal prior of the same mean and sd as the prior of a posterior at its median factors."""
     recorded, sd = json.loads(tree.attrs["prior"]), tree["constant_data"].dataset["prior_sd"].values
-    stated = np.zeros(sd.size, dtype=bool)
-    return CoefficientPrior(np.array(recorded["mean"], dtype=float), sd, sd, stated, recorded["family"])
+    return CoefficientPrior(np.array(recorded["mean"], dtype=float), sd, sd, recorded["family"])
 
 
 def dofs(tree: xr.DataTree) -> list[str]:

@@ -99,13 +99,13 @@ def _origin(one: Comparison) -> str:
     tree = one.posterior
     prior, sizes, attrs = json.loads(tree.attrs["prior"]), tree["posterior"].sizes, tree.attrs
     laplace = attrs["method"] == "trajectory"
-    drawn_by = "independent draws of the normal approximation at the mode" if laplace else "draws of NUTS"
-    tau = ", ".join(f"{dof} {_n(value)}" for dof, value in prior["tau"].items())
+    drawn_by = "draws of the approximation at the mode" if laplace else "draws of NUTS"
+    factors = ", ".join(f"{name} {_n(value)}" for name, value in prior["factors"].items())
     return (
         f"{', '.join(attrs['dof'].split()).capitalize()} of {attrs['vessel']}, method {attrs['method']}: "
         f"{sizes['chain']} chains of {sizes['draw']} {drawn_by}; {sizes['coefficient']} coefficients; "
-        f"{prior['family']} prior with factors tau {tau}; noise model {attrs['noise_model']}; integrator "
-        f"{attrs['integrator']}."
+        f"{prior['family']} prior with median factors {factors or 'none'}; noise model {attrs['noise_model']}; "
+        f"integrator {attrs['integrator']}."
     )
 
 
@@ -227,7 +227,7 @@ def _contraction(tree: xr.DataTree) -> Part:
     title = "Contraction"
     if lacking := parts.missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
-    text = "Contraction is 1 − posterior variance / prior variance, the factors tau included; 1 under a flat prior."
+    text = "Contraction is 1 − posterior variance / prior variance at its median factors; 1 under a flat prior."
     caption = f"Contraction of every coefficient; dashed: limit {CONTRACTION_LIMIT:g}."
     figure = trajectory_figures.contraction(trajectory.contraction(tree))
     return Part(title, text, [], [("contraction", figure, caption)])
@@ -277,7 +277,7 @@ def _sensitivity(tree: xr.DataTree) -> Part:
         return Part(title, f"Not shown: {lacking}")
     rows = numbers.prior_sensitivity(trajectory.without_diverged_draws(tree))
     moved = sum(row["prior"] > PSENSE_LIMIT for row in rows)
-    text = f"{moved} of {len(rows)} coefficients move with the prior. Its factors tau are fixed."
+    text = f"{moved} of {len(rows)} coefficients move with the prior, given the factors of its scales."
     shown = sorted(rows, key=lambda row: -row["prior"])[:_LISTED]
     caption = (
         f"The {len(shown)} most sensitive to the prior. Power-scaling by 0.99 and 1.01 (psense); above "
@@ -287,14 +287,14 @@ def _sensitivity(tree: xr.DataTree) -> Part:
 
 
 def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Part:
-    """Ships of the prior, factors tau included."""
+    """Ships of the prior at its median factors."""
     if lacking := parts.missing_sentence(tree, *PRIOR):
         return Part(parts.SHIPS_TITLE, f"Not shown: {lacking}")
     prior = trajectory.prior_of(tree)
     if not np.isfinite(prior.scale).all():
         return Part(parts.SHIPS_TITLE, "Not shown: a coefficient with a flat prior has no draws.")
     part = parts.ships_part(tree, ship, prior, rng)
-    part.text += " The factors tau of the prior come from the evidence of the records." * bool(part.tables)
+    part.text += " The records chose the factors of its scales." * bool(part.tables)
     return part
 
 

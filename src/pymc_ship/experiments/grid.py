@@ -145,7 +145,7 @@ class Grid:
         """Heads of the columns that a terminal shows: cell, scores, number of failed tasks."""
         keys = ("ship", "manoeuvre", "noise", "level", "method")
         result = {key: key for key in keys if key == "method" or len({row[key] for row in rows}) > 1}
-        heads = ("error %", "coverage %", "tactical diameter error %")
+        heads = ("error %", "90 % intervals cover %", "50 % intervals cover %", "tactical diameter error %")
         for name, head in zip(SCORES, heads, strict=True):
             result |= {name: head, f"{name}_se": "± se"}
         return result | {"diverged": "diverged", "failed": "failed"}

@@ -91,6 +91,7 @@ def cell_table(rows: Sequence[Mapping]) -> Table:
     columns: Columns = {name: (name, str) for name in _SHARED if len({row[name] for row in rows}) > 1}
     columns |= {"level": ("noise level", number(3)), "method": ("method", str)}
     columns |= {"median_error": ("median error %", str), "coverage": ("90 % intervals cover %", str)}
+    columns |= {"coverage_half": ("50 % intervals cover %", str)}
     columns |= {"tactical_diameter_error": ("tactical diameter error %", str)}
     return table(lines, columns | {name: (name, fixed_point(0)) for name in STATUSES})
 

@@ -12,7 +12,12 @@ import pyarrow as pa
 from pymc_ship.experiments.task import STATUSES, Cell
 from pymc_ship.replication.scores import statistic_and_error
 
-STATISTIC = {"median_error": "median", "coverage": "mean", "tactical_diameter_error": "median"}
+STATISTIC = {
+    "median_error": "median",
+    "coverage": "mean",
+    "coverage_half": "mean",
+    "tactical_diameter_error": "median",
+}
 """What is made of a score over the seeds."""
 
 BEYOND = 1_000_000
@@ -25,13 +30,13 @@ CORES = (64, 1024)
 def cell_row(cell: Cell, rows: Mapping[str, np.ndarray]) -> dict:
     """Fields and ``seeds`` of a cell, the number of each status, and each score with its ``_se``.
 
-    ``rows`` are ``status`` and the scores, shape (n_seeds,). A task without coefficients has an infinite error and a
-    coverage of 0; one without a tactical diameter has an infinite error in that.
+    ``rows`` are ``status`` and the scores, shape (n_seeds,). A task without coefficients has an infinite error and
+    coverages of 0; one without a tactical diameter has an infinite error in that.
     """
     row = asdict(cell) | {"seeds": len(rows["status"])}
     row |= {status: int(np.sum(rows["status"] == status)) for status in STATUSES}
     for name, statistic in STATISTIC.items():
-        missing = 0.0 if name == "coverage" else np.inf
+        missing = 0.0 if statistic == "mean" else np.inf
         values = np.where(np.isnan(rows[name]), missing, rows[name])
         row[name], row[f"{name}_se"] = _with_error(values, statistic)
     return row

@@ -34,7 +34,7 @@ from pymc_ship.replication.estimates import (
     weak_form_estimate,
 )
 
-SCORES = ("median_error", "coverage", "tactical_diameter_error")
+SCORES = ("median_error", "coverage", "coverage_half", "tactical_diameter_error")
 """What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""
 
 PARTS = ("simulate", "pollute", "fit", "score")
@@ -166,7 +166,11 @@ def _fit_and_score(task: Task, parts: dict[str, float], scores: dict[str, float]
         errors = estimate.scores(task.vessel)
         if not np.isfinite(estimate.coefficients).all():
             raise _NoCoefficientsError("the coefficients are not finite")
-        scores |= {"median_error": errors["median"], "coverage": errors["coverage"]}
+        scores |= {
+            "median_error": errors["median"],
+            "coverage": errors["coverage"],
+            "coverage_half": errors["coverage_half"],
+        }
         scores["tactical_diameter_error"], diverged_at = turn_error(task.vessel, estimate.coefficients)
     if np.isfinite(diverged_at):
         return "diverged", f"the identified ship diverged in the {TURN.label} at t = {diverged_at:g} s"

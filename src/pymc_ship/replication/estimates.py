@@ -14,6 +14,7 @@ from pymc_ship.inference.regression.identify import identify
 from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.inference.trajectory.fit import TrajectoryFit
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
+from pymc_ship.inference.trajectory.posterior import approximate_draws
 from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
@@ -30,44 +31,67 @@ DIFFERENCES = {
 WEAK_FORM_INTERVAL = 4.0
 """Interval of the rows of the weak form [s]: closer ones share noise, and their intervals get too narrow."""
 
-_REACH = float(norm.ppf(0.95))
+LEVELS = np.array([0.05, 0.25, 0.5, 0.75, 0.95])
+"""Probabilities of the ends of the intervals of 90 and 50 %, and of the estimate."""
+
+_DRAWS = 1000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
-    """Coefficients of all DOFs and the ends of their intervals of 90 %.
+    """Coefficients of all DOFs and the ends of their intervals of 90 and 50 %.
 
     Attributes
     ----------
     coefficients, lower, upper : ndarray, shape (n_coefficients,)
         Prime values, DOFs one after the other in the vessel's order; NaN where a method failed.
+    lower_half, upper_half : ndarray, shape (n_coefficients,), optional
+        Ends of the intervals of 50 %.
     """
 
     coefficients: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    lower_half: np.ndarray | None = None
+    upper_half: np.ndarray | None = None
 
     __repr__ = field_text
 
     def scores(self, vessel: Vessel) -> dict[str, float]:
-        """Error summary against the reference and ``coverage``, the percentage of references inside the intervals."""
+        """Error summary against the reference, and the percentages of references inside the intervals.
+
+        ``coverage`` of 90 % and ``coverage_half`` of 50 %, NaN without such intervals.
+        """
         reference = reference_coefficients(vessel)
-        inside = (self.lower <= reference) & (reference <= self.upper)
-        coverage = 100.0 * float(inside.mean()) if np.isfinite(self.coefficients).all() else float("nan")
-        return error_summary(relative_error(self.coefficients, reference)) | {"coverage": coverage}
+
+        def coverage(lower: np.ndarray | None, upper: np.ndarray | None) -> float:
+            if lower is None or upper is None or not np.isfinite(self.coefficients).all():
+                return float("nan")
+            return 100.0 * float(np.mean((lower <= reference) & (reference <= upper)))
+
+        scores = {
+            "coverage": coverage(self.lower, self.upper),
+            "coverage_half": coverage(self.lower_half, self.upper_half),
+        }
+        return error_summary(relative_error(self.coefficients, reference)) | scores
 
 
 def exact_estimate(exact: Mapping[str, ExactPosterior]) -> Estimate:
     """Means and quantiles of the exact posterior of every DOF."""
-    ends = [posterior.quantiles([0.05, 0.95]) for posterior in exact.values()]
-    lower, upper = (np.concatenate(values) for values in zip(*ends, strict=True))
-    return Estimate(np.concatenate([posterior.mean for posterior in exact.values()]), lower, upper)
+    ends = [posterior.quantiles(LEVELS) for posterior in exact.values()]
+    lower, lower_half, _, upper_half, upper = (np.concatenate(values) for values in zip(*ends, strict=True))
+    means = np.concatenate([posterior.mean for posterior in exact.values()])
+    return Estimate(means, lower, upper, lower_half, upper_half)
 
 
 def trajectory_estimate(fit: TrajectoryFit) -> Estimate:
-    """Mode and normal approximation of a trajectory fit."""
-    reach = _REACH * fit.sd
-    return Estimate(fit.coefficients, fit.coefficients - reach, fit.coefficients + reach)
+    """Mode and normal approximation of a trajectory fit; medians and quantiles of draws where the prior has factors."""
+    if fit.problem.prior.law is None:
+        ends = fit.coefficients + fit.sd * norm.ppf(LEVELS)[:, None]
+    else:
+        draws = approximate_draws(fit, 1, _DRAWS, np.random.default_rng(0))[0][:, : fit.coefficients.size]
+        ends = np.quantile(draws, LEVELS, axis=0)
+    return Estimate(ends[2], ends[0], ends[4], ends[1], ends[3])
 
 
 def regression_estimate(

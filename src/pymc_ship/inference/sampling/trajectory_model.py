@@ -22,6 +22,7 @@ from pymc_ship.inference.trajectory.fit import Problem
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.posterior import log_likelihood_rows, log_prior_density, trajectory_tree
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.inference.trajectory.scale_law import FACTOR_SD, FREEDOM
 from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -33,7 +34,7 @@ def trajectory_model(
     prior: str | CoefficientPrior = "order_damped",
     **settings: Any,
 ) -> pm.Model:
-    """PyMC model of whole trajectories about their mode; noise and tau as :func:`pymc_ship.trajectory_posterior`.
+    """PyMC model of whole trajectories about their mode, with the noise of :func:`pymc_ship.trajectory_posterior`.
 
     Parameters
     ----------
@@ -77,18 +78,28 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
             "A model needs a mode that does not diverge, found that the ship leaves the model's range at the mode; "
             "repeat the fit."
         )
+    n, law = problem.n_coefficients, problem.prior.law
     proper = problem.precision > 0.0
+    if law is not None:
+        proper[:n] = False
     prior_sd = problem.unit[proper] / np.sqrt(problem.precision[proper])
-    coords, several = {"direction": np.arange(problem.unit.size), **problem.labels}, len(problem.runs) > 1
+    coords, several = {"direction": np.arange(_n_directions(problem)), **problem.labels}, len(problem.runs) > 1
     suffixes = [f"_{k}" if several else "" for k in range(len(problem.runs))]
     for suffix, run in zip(suffixes, problem.runs, strict=True):
         coords |= {"row" + suffix: np.arange(run.n_blocks), "channel" + suffix: list(run.channels)}
     with pm.Model(coords=coords) as model:
-        coordinate = pm.Flat("direction_coordinate", dims="direction", initval=np.zeros(fit.unknowns.size))
-        unknowns = fit.unknowns + pt.dot(fit.square_root, coordinate)
-        log_prior = pm.logp(pm.Normal.dist(problem.center[proper], prior_sd), unknowns[proper])
-        pm.Potential("log_prior", log_prior.sum())
-        coefficients = unknowns[: problem.n_coefficients]
+        coordinate = pm.Flat("direction_coordinate", dims="direction", initval=np.zeros(_n_directions(problem)))
+        unknowns = fit.unknowns + pt.dot(fit.square_root, coordinate[: fit.unknowns.size])
+        log_prior = pm.logp(pm.Normal.dist(problem.center[proper], prior_sd), unknowns[proper]).sum()
+        coefficients = unknowns[:n]
+        if law is not None:
+            eta = problem.current_scales.eta + FACTOR_SD * coordinate[fit.unknowns.size :]
+            pm.Deterministic("scale_factor", pt.exp(eta), dims="factor")
+            log_prior += pm.logp(pm.Normal.dist(law.center, FACTOR_SD), eta).sum()
+            log_factor, z = pt.dot(law.exponents, eta), (coefficients - problem.prior.mean) / problem.prior.scale
+            student = pm.logp(pm.StudentT.dist(nu=FREEDOM), z * pt.exp(-log_factor)) - log_factor
+            log_prior += pt.where(law.is_scaled, student, pm.logp(pm.Normal.dist(), z)).sum()
+        pm.Potential("log_prior", log_prior)
         other = problem.prior.likelihood_or_flat
         if other.design.size:
             residuals = other.response - pt.dot(other.design, coefficients)
@@ -98,6 +109,11 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
         for k, suffix in enumerate(suffixes):
             _response(problem, k, suffix, coefficients, nuisances[k])
     return model
+
+
+def _n_directions(problem: Problem) -> int:
+    """Number of coordinates: unknowns and log factors of the prior."""
+    return problem.unit.size + problem.current_scales.eta.size
 
 
 def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: list) -> None:
@@ -196,12 +212,12 @@ def mode_nuts_posterior(
     if chains > 1:
         with np.errstate(divide="ignore", invalid="ignore"):
             verdict += f", the largest R-hat is {float(az.rhat(coordinates).max()):.3f}"
-    unknowns = fit.unknowns + coordinates.to_numpy() @ fit.square_root.T
-    flat = unknowns.reshape(-1, fit.unknowns.size)
-    log_likelihood, log_prior = log_likelihood_rows(fit, flat), log_prior_density(fit, flat)
+    along, of_factors = np.split(coordinates.to_numpy().reshape(chains * draws, -1), [fit.unknowns.size], axis=1)
+    flat, eta = fit.unknowns + along @ fit.square_root.T, fit.problem.current_scales.eta + FACTOR_SD * of_factors
+    log_likelihood, log_prior = log_likelihood_rows(fit, flat), log_prior_density(fit, flat, eta)
     fraction_diverged = float(np.mean(~np.isfinite(log_likelihood).all(axis=1)))
     attrs = {"verdict": verdict, "share_diverged": fraction_diverged, "rng_state": state}
-    by_chain = (values.reshape(chains, draws, *values.shape[1:]) for values in (flat, log_likelihood, log_prior))
+    by_chain = (values.reshape(chains, draws, *values.shape[1:]) for values in (flat, eta, log_likelihood, log_prior))
     groups = {"sample_stats": statistics}
     return trajectory_tree(mode, *by_chain, method="trajectory_nuts", attrs=attrs, groups=groups)
 
@@ -209,7 +225,7 @@ def mode_nuts_posterior(
 def _nutpie_density(mode: TrajectoryMode) -> Any:
     """Log density for nutpie, one function for each chain."""
     fit, model, compile_lock = mode.choice.fit, mode_model(mode), Lock()
-    n_unknowns = fit.unknowns.size
+    size, n_unknowns = _n_directions(fit.problem), fit.unknowns.size
 
     def log_density() -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
         with compile_lock:
@@ -227,10 +243,11 @@ def _nutpie_density(mode: TrajectoryMode) -> Any:
 
     def start(seed: int) -> np.ndarray:
         """Random start from the normal approximation, moved towards the mode while it diverges."""
-        coordinate = np.random.default_rng(seed).standard_normal(n_unknowns)
-        while not np.isfinite(log_likelihood_rows(fit, (fit.unknowns + fit.square_root @ coordinate)[None])).all():
+        coordinate = np.random.default_rng(seed).standard_normal(size)
+        root = fit.square_root
+        while not np.isfinite(log_likelihood_rows(fit, (fit.unknowns + root @ coordinate[:n_unknowns])[None])).all():
             coordinate *= 0.5
         return coordinate
 
-    types_shapes_names = [np.dtype(float)], [(n_unknowns,)], ["direction_coordinate"]
-    return from_pyfunc(n_unknowns, log_density, expand_draw, *types_shapes_names, make_initial_point_fn=start)
+    types_shapes_names = [np.dtype(float)], [(size,)], ["direction_coordinate"]
+    return from_pyfunc(size, log_density, expand_draw, *types_shapes_names, make_initial_point_fn=start)

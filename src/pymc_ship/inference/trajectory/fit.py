@@ -10,17 +10,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import Run, whiten
+from pymc_ship.inference.trajectory.scale_law import LinearProblem, ScaleLaw, Scales, probable_scales
 from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_run_indices
 
 TOLERANCE = 1e-4  # convergence: the next step would lower the negative log posterior by less
-TAU_RANGE = (0.05, 20.0)  # bounds of tau, the factor of the prior scales of a DOF by empirical Bayes
 _LOG_2PI = np.log(2.0 * np.pi)
-_MOST_STEPS, _MOST_REFITS, _MOST_TAU_UPDATES = 400, 6, 100
+_MOST_STEPS, _MOST_REFITS = 400, 6
+_SCALES_CONVERGED = 0.05  # change of the log sd of a coefficient
 _LEAST_SINGULAR_VALUE = 1e-12
 
 Rows = list[tuple[np.ndarray, np.ndarray]]
@@ -43,18 +44,24 @@ def white_noise(run: Run, *, offsets: bool = False) -> Noise:
 
 @dataclass(frozen=True)
 class Problem:
-    """Runs, vessel, prior, noise of each run, factors tau by DOF, and the trial of each run (if empty: the same)."""
+    """Runs, vessel, prior, noise of each run, scales of the prior, and the trial of each run (if empty: the same)."""
 
     runs: tuple[Run, ...]
     vessel: Vessel
     prior: CoefficientPrior
     noise: tuple[Noise, ...]
-    tau: np.ndarray
+    scales: Scales | None = None
     trial_indices: tuple[int, ...] = ()
 
     def with_noise_sd(self, sd: np.ndarray) -> Problem:
         """Problem with white noise of an sd (n_channels,) of the block means, without offsets."""
         return replace(self, noise=tuple(Noise(sd, np.zeros(sd.size), False, run.means) for run in self.runs))
+
+    @property
+    def current_scales(self) -> Scales:
+        """Scales of the prior; before a fit, those at the prior means of its factors."""
+        law = self.prior.law
+        return self.scales or Scales(np.empty(0) if law is None else law.center, self.prior.fixed.scale)
 
     @property
     def per_run(self) -> np.ndarray:
@@ -87,12 +94,14 @@ class Problem:
 
     @property
     def labels(self) -> dict:
-        """Coordinates of coefficients, initial states and, if there are any, sensor offsets."""
+        """Coordinates of coefficients, initial states and, if any, factors of the prior and sensor offsets."""
         labels = {
             "coefficient": coefficient_names(self.vessel),
             "run": np.arange(len(self.runs)),
             "state": list(STATE[: max(run.n_states for run in self.runs)]),
         }
+        if self.prior.law is not None:
+            labels["factor"] = list(self.prior.law.names)
         return labels | ({"channel": self.channels} if any(noise.offsets for noise in self.noise) else {})
 
     @property
@@ -124,9 +133,8 @@ class Problem:
     @property
     def precision(self) -> np.ndarray:
         """Prior precision of every unknown in its unit; 0 where the prior is flat."""
-        tau = np.where(self.prior.tuned, self.tau[coefficient_dofs(self.vessel)], 1.0)
         precision = np.ones(self.unit.size)
-        precision[: self.n_coefficients] = (self.prior.unit / (tau * self.prior.scale)) ** 2
+        precision[: self.n_coefficients] = (self.prior.unit / self.current_scales.sd) ** 2
         own = (self.prior.unit[self.per_run] / self.prior.scale[self.per_run]) ** 2
         precision[self.n_coefficients : self.n_shared] = np.tile(own, len(set(self.trial_indices)))
         return precision
@@ -150,7 +158,7 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class TrajectoryFit:
-    """Posterior mode and its normal (Laplace) approximation, given tau.
+    """Posterior mode and its normal (Laplace) approximation, given the scales of the prior.
 
     Attributes
     ----------
@@ -280,7 +288,9 @@ def _descend(problem: Problem, start: np.ndarray, tolerance: float) -> tuple[np.
 
 
 def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLERANCE) -> TrajectoryFit:
-    """Posterior mode from a start (n_unknowns,), factors tau of the prior by evidence, and the normal approximation.
+    """Posterior mode from a start (n_unknowns,), most probable scales of the prior, and the normal approximation.
+
+    Descents alternate with :func:`.probable_scales` of the linearised problem until the scales converge.
 
     Raises
     ------
@@ -289,14 +299,17 @@ def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLER
 
     References
     ----------
-    Marquardt (1963), doi:10.1137/0111030; Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986), NASA RP-1168; MacKay
-    (1992), doi:10.1162/neco.1992.4.3.415 (tau).
+    Marquardt (1963), doi:10.1137/0111030; Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986), NASA RP-1168.
     """
     unknowns, point = _descend(problem, start, tolerance)
-    for _ in range(_MOST_REFITS if problem.prior.tuned.any() else 0):
-        tau = _tuned_tau(problem, unknowns, point)
-        converged = np.max(np.abs(np.log(tau / problem.tau))) < 0.02
-        problem = replace(problem, tau=tau)
+    law = problem.prior.law
+    for _ in range(_MOST_REFITS):
+        if law is None:
+            break
+        before = problem.current_scales
+        scales = probable_scales(linear_problem(problem, law, unknowns, point)[0], before.eta)
+        converged = np.max(np.abs(np.log(scales.sd / before.sd))) < _SCALES_CONVERGED
+        problem = replace(problem, scales=scales)
         unknowns, point = _descend(problem, unknowns, tolerance)
         if converged:
             break
@@ -304,27 +317,29 @@ def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLER
     return TrajectoryFit(problem, unknowns, square_root, point.residuals, point.log_likelihood, log_evidence)
 
 
-def _tuned_tau(problem: Problem, unknowns: np.ndarray, point: Linearisation) -> np.ndarray:
-    """Factors tau of greatest evidence of the linearised problem (MacKay 1992)."""
-    dofs, M = coefficient_dofs(problem.vessel), point.matrix
-    at = (unknowns - problem.center) / problem.unit
-    linear_term = M @ at - point.gradient
-    for _ in range(_MOST_TAU_UPDATES):
-        precision = problem.precision
-        size = np.sqrt(np.diag(M) + precision)
-        covariance = np.linalg.inv((M + np.diag(precision)) / np.outer(size, size)) / np.outer(size, size)
-        at, tau = covariance @ linear_term, problem.tau.copy()
-        variance_ratio = precision * np.diag(covariance)
-        for g in range(tau.size):
-            of_dof = np.flatnonzero(problem.prior.tuned & (dofs == g))
-            if of_dof.size:
-                gamma = max(np.sum(1.0 - variance_ratio[of_dof]), 1e-3)
-                tau[g] = np.clip(tau[g] * np.sqrt(np.sum(precision[of_dof] * at[of_dof] ** 2) / gamma), *TAU_RANGE)
-        change = np.max(np.abs(np.log(tau / problem.tau)))
-        problem = replace(problem, tau=tau)
-        if change < 1e-3:
-            break
-    return problem.tau
+@dataclass(frozen=True)
+class NuisanceLaw:
+    """Normal law of the other unknowns, in units about the center, given changes of the coefficients from the mode."""
+
+    mean: np.ndarray
+    slope: np.ndarray
+    root: np.ndarray
+
+
+def linear_problem(
+    problem: Problem, law: ScaleLaw, unknowns: np.ndarray, point: Linearisation
+) -> tuple[LinearProblem, NuisanceLaw]:
+    """Linear problem of the coefficients with the other unknowns integrated out, and the law of these."""
+    n, unit, at = problem.n_coefficients, problem.unit, (unknowns - problem.center) / problem.unit
+    precision, cross = problem.precision[n:], point.matrix[n:, :n]
+    root = np.linalg.cholesky(point.matrix[n:, n:] + np.diag(precision))
+    whitened = np.linalg.solve(root, np.column_stack([point.gradient[n:] + precision * at[n:], cross]))
+    step, slope = whitened[:, 0], whitened[:, 1:]
+    information = (point.matrix[:n, :n] - slope.T @ slope) / np.outer(unit[:n], unit[:n])
+    score = (slope.T @ step - point.gradient[:n]) / unit[:n]
+    given = np.linalg.solve(root.T, whitened)
+    nuisances = NuisanceLaw(at[n:] - given[:, 0], -given[:, 1:] / unit[:n], np.linalg.inv(root).T)
+    return LinearProblem(law, problem.prior.scale, information, score, at[:n] * unit[:n]), nuisances
 
 
 def _normal_approximation(problem: Problem, unknowns: np.ndarray, log_likelihood: float) -> tuple[np.ndarray, float]:
@@ -349,5 +364,5 @@ def _normal_approximation(problem: Problem, unknowns: np.ndarray, log_likelihood
 
 
 def initial_problem(runs: Sequence[Run], vessel: Vessel, prior: CoefficientPrior) -> Problem:
-    """Problem with white noise and all factors tau at 1."""
-    return Problem(tuple(runs), vessel, prior, tuple(map(white_noise, runs)), np.ones(len(vessel.dofs)))
+    """Problem with white noise."""
+    return Problem(tuple(runs), vessel, prior, tuple(map(white_noise, runs)))

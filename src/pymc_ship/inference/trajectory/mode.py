@@ -45,7 +45,7 @@ def trajectory_mode(
     offsets: bool | None = None,
     method: str = "rk4",
 ) -> TrajectoryMode:
-    """Posterior mode from weak-form starts with and without damping by order, under the noise model of the first.
+    """Posterior mode from weak-form starts about the mean of the prior and about 0, under the noise model of the first.
 
     Parameters, errors and references as :func:`pymc_ship.trajectory_posterior`.
     """
@@ -62,9 +62,9 @@ def trajectory_mode(
             f"The prior of a trajectory fit is a CoefficientPrior or one of {', '.join(KINDS)}, found "
             f"{short_repr(type(prior))}; make one by coefficient_prior."
         )
-    damped = prior if np.isfinite(prior.scale).all() else coefficient_prior(trials, vessel)
-    scales = damped.scale, coefficient_prior(trials, vessel, damping=1.0).scale
-    first, second = (weak_form_start(trials, vessel, damped.mean, scale, method=method) for scale in scales)
+    proper = (prior if np.isfinite(prior.scale).all() else coefficient_prior(trials, vessel)).fixed
+    starts = (proper.mean, proper.scale), (np.zeros(proper.mean.size), np.hypot(proper.mean, proper.scale))
+    first, second = (weak_form_start(trials, vessel, *start, method=method) for start in starts)
     try:
         choice = fit_with_noise(runs, vessel, prior, first, noise=noise, offsets=offsets)
     except FitError:

@@ -94,14 +94,14 @@ def fit_with_noise(
 
 
 def _white_fit(problem: Problem, start: np.ndarray) -> TrajectoryFit:
-    """Fit under white noise of the sd assumed or, if it does not converge, of the residuals, with tau at 1."""
+    """Fit under white noise of the sd assumed or, if it does not converge, of the residuals, with a fixed prior."""
     try:
         return fit_trajectory(problem, start)
     except FitError:
         if not all(np.isfinite(values).all() for values in sample_residuals(problem, start)):
             raise
     prior, unknowns = problem.prior, start
-    problem = replace(problem, prior=replace(prior, tuned=np.zeros_like(prior.tuned)))
+    problem = replace(problem, prior=prior.fixed)
     for _ in range(_MOST_PASSES):
         noise = []
         for run, residuals in zip(problem.runs, sample_residuals(problem, unknowns), strict=True):

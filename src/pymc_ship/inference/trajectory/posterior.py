@@ -10,10 +10,11 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, rng_state
-from pymc_ship.inference.trajectory.fit import TrajectoryFit
+from pymc_ship.inference.trajectory.fit import TrajectoryFit, linear_problem, linearise
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfits
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.inference.trajectory.scale_law import FREEDOM, gibbs_draws
 from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
@@ -106,22 +107,54 @@ def trajectory_posterior(
 
 
 def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.random.Generator) -> xr.DataTree:
-    """Independent draws from the normal approximation at a mode; see :func:`trajectory_posterior`."""
+    """Draws from the approximation at a mode; see :func:`trajectory_posterior`."""
     fit, state = mode.choice.fit, rng_state(rng)
-    standard = rng.standard_normal((draws, fit.unknowns.size))
-    unknowns = fit.unknowns + standard @ fit.square_root.T
+    unknowns, eta, linear = approximate_draws(fit, chains, draws // chains, rng)
     log_likelihood = log_likelihood_rows(fit, unknowns)
-    log_prior = log_prior_density(fit, unknowns)
     finite = np.isfinite(log_likelihood).all(axis=1)
     if not finite.any():
         raise FitError(
             "The normal approximation needs a draw that does not diverge, found none; give a narrower prior."
         )
-    log_weight = np.where(finite, log_likelihood.sum(axis=1) + log_prior + 0.5 * np.sum(standard**2, axis=1), -np.inf)
-    khat = pareto_khat(log_weight[finite])
+    khat = pareto_khat((log_likelihood.sum(axis=1) - linear)[finite])
     attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~finite))}
-    by_chain = (values.reshape(chains, -1, *values.shape[1:]) for values in (unknowns, log_likelihood, log_prior))
+    parts = unknowns, eta, log_likelihood, log_prior_density(fit, unknowns, eta)
+    by_chain = (values.reshape(chains, draws // chains, *values.shape[1:]) for values in parts)
     return trajectory_tree(mode, *by_chain, method="trajectory", attrs=attrs | {"rng_state": state})
+
+
+def approximate_draws(
+    fit: TrajectoryFit, chains: int, draws: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Draws under the likelihood linearised at the mode, with the scales of the prior integrated out.
+
+    Returns
+    -------
+    unknowns : ndarray, shape (chains * draws, n_unknowns)
+    eta : ndarray, shape (chains * draws, n_factors)
+        Log factors of the scales; none for a fixed prior.
+    log_likelihood : ndarray, shape (chains * draws,)
+        Of the records, linearised, up to a constant.
+    """
+    problem, n = fit.problem, fit.problem.n_coefficients
+    point = linearise(problem, fit.unknowns)
+    if point is None:
+        raise FitError("Draws need a mode that does not diverge, found that it does; repeat the fit.")
+    law = problem.prior.law
+    if law is None:
+        unknowns = fit.unknowns + rng.standard_normal((chains * draws, fit.unknowns.size)) @ fit.square_root.T
+        eta = np.empty((chains * draws, 0))
+    else:
+        linear, nuisances = linear_problem(problem, law, fit.unknowns, point)
+        parts = gibbs_draws(linear, problem.current_scales, chains, draws, rng)
+        deviations, eta = (values.reshape(chains * draws, -1) for values in parts)
+        others = nuisances.mean + (deviations - linear.mode) @ nuisances.slope.T
+        others += rng.standard_normal(others.shape) @ nuisances.root.T
+        unknowns = problem.center + np.hstack([deviations, others * problem.unit[n:]])
+    change, other = (unknowns - fit.unknowns) / problem.unit, problem.prior.likelihood_or_flat
+    log_likelihood = -change @ point.gradient - 0.5 * np.sum((change @ point.matrix) * change, axis=1)
+    of_others = -0.5 * np.sum((other.response - unknowns[:, :n] @ other.design.T) ** 2, axis=1)
+    return unknowns, eta, log_likelihood - of_others
 
 
 def pareto_khat(log_weight: np.ndarray) -> float:
@@ -149,19 +182,26 @@ def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
     return np.hstack(rows)
 
 
-def log_prior_density(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
-    """Log prior density of all unknowns, (n_draws,); flat priors add 0."""
-    problem = fit.problem
+def log_prior_density(fit: TrajectoryFit, unknowns: np.ndarray, eta: np.ndarray) -> np.ndarray:
+    """Log prior density of all unknowns given the factors of the scales, (n_draws,); flat priors add 0."""
+    problem, n = fit.problem, fit.problem.n_coefficients
     precision, unit = problem.precision, problem.unit
     proper = precision > 0.0
-    distance = precision * ((unknowns - problem.center) / unit) ** 2
+    if problem.prior.law is not None:
+        proper[:n] = False
+    distance = precision[proper] * ((unknowns - problem.center) / unit)[:, proper] ** 2
     constant = 0.5 * np.log(precision[proper]) - 0.5 * _LOG_2PI - np.log(unit[proper])
-    return constant.sum() - 0.5 * distance.sum(axis=1)
+    density = constant.sum() - 0.5 * distance.sum(axis=1)
+    if problem.prior.law is None:
+        return density
+    z = (unknowns[:, :n] - problem.prior.mean) / problem.prior.scale
+    return density + problem.prior.law.log_density(z, eta) - np.log(problem.prior.scale).sum()
 
 
 def trajectory_tree(
     mode: TrajectoryMode,
     unknowns: np.ndarray,
+    eta: np.ndarray,
     log_likelihood: np.ndarray,
     log_prior: np.ndarray,
     *,
@@ -172,7 +212,7 @@ def trajectory_tree(
     """DataTree as of :func:`trajectory_posterior`, of draws (chain, draw, ...) by a method of ``CITATIONS``."""
     sample = ("chain", "draw")
     coords = {"chain": np.arange(unknowns.shape[0]), "draw": np.arange(unknowns.shape[1])}
-    constant, observed = _records(mode.choice.fit)
+    constant, observed = _records(mode.choice.fit, eta)
     problem = mode.choice.fit.problem
     labels, channels = problem.labels, problem.channels
     initial = np.full((*unknowns.shape[:2], len(problem.runs), len(labels["state"])), np.nan)
@@ -186,6 +226,8 @@ def trajectory_tree(
         "coefficients": ((*sample, "coefficient"), unknowns[..., : problem.n_coefficients]),
         "initial_state": ((*sample, "run", "state"), initial),
     }
+    if "factor" in labels:
+        variables["scale_factor"] = ((*sample, "factor"), np.exp(eta))
     if "channel" in labels:
         variables["sensor_offset"] = ((*sample, "run", "channel"), offset)
     tree = {
@@ -197,11 +239,11 @@ def trajectory_tree(
         "observed_data": observed,
         "constant_data": constant,
     }
-    root = xr.Dataset(attrs=_attrs(mode, method) | dict(attrs))
+    root = xr.Dataset(attrs=_attrs(mode, eta, method) | dict(attrs))
     return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
 
 
-def _records(fit: TrajectoryFit) -> tuple[xr.Dataset, xr.Dataset]:
+def _records(fit: TrajectoryFit, eta: np.ndarray) -> tuple[xr.Dataset, xr.Dataset]:
     """Groups constant_data and observed_data, block by block."""
     problem, parts, noise_dims = fit.problem, [], ("run_index", "channel")
     noise_sd, block_sd, correlation = np.full((3, len(problem.runs), len(problem.channels)), np.nan)
@@ -212,8 +254,10 @@ def _records(fit: TrajectoryFit) -> tuple[xr.Dataset, xr.Dataset]:
         block_sd[k, columns], correlation[k, columns] = problem.noise[k].sd, problem.noise[k].correlation
     whole = xr.concat(parts, "row").assign_coords(row=np.arange(sum(run.n_blocks for run in problem.runs)))
     constant = whole[["time", "run", "motion", "fitted"]]
-    with np.errstate(divide="ignore"):  # infinite under a flat prior
-        prior_sd = (problem.unit / np.sqrt(problem.precision))[: problem.n_coefficients]
+    law, prior_sd = problem.prior.law, problem.prior.scale.copy()
+    if law is not None:
+        factor = np.exp(law.exponents @ np.median(eta, axis=(0, 1)))
+        prior_sd[law.is_scaled] *= (factor * np.sqrt(FREEDOM / (FREEDOM - 2.0)))[law.is_scaled]
     constant["prior_sd"] = xr.DataArray(prior_sd, {"coefficient": problem.labels["coefficient"]})
     constant["noise_sd"] = ("channel", np.sqrt(np.nanmean(noise_sd**2, axis=0)))
     constant["block_sd"], constant["correlation"] = (noise_dims, block_sd), (noise_dims, correlation)
@@ -242,13 +286,14 @@ def _record(fit: TrajectoryFit, index: int) -> xr.Dataset:
     )
 
 
-def _attrs(mode: TrajectoryMode, method: str) -> dict[str, object]:
+def _attrs(mode: TrajectoryMode, eta: np.ndarray, method: str) -> dict[str, object]:
     choice, problem = mode.choice, mode.choice.fit.problem
+    law = problem.prior.law
     prior = {
         "family": problem.prior.kind,
         "mean": problem.prior.mean.tolist(),
         "scale": problem.prior.scale.tolist(),
-        "tau": dict(zip(problem.vessel.dofs, problem.tau.tolist(), strict=True)),
+        "factors": dict(zip(law.names, np.exp(np.median(eta, axis=(0, 1))).tolist(), strict=True)) if law else {},
     }
     return {
         "method": method,

@@ -1,4 +1,4 @@
-"""Priors of all coefficients: theta_j ~ N(mean_j, (tau_g scale_j)^2), tau of each DOF g by evidence or 1."""
+"""Priors of all coefficients: Student's t whose scales the records choose, or fixed normal laws."""
 
 from __future__ import annotations
 
@@ -10,14 +10,19 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.rows.weak_form import coefficient_scales
+from pymc_ship.inference.trajectory.scale_law import FACTOR_SD, FREEDOM, ScaleLaw
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.forces.terms import order
+from pymc_ship.physics.vessel.hull_database import is_symmetric, particulars_prior
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
-KINDS = ("flat", "order_damped", "sister_ship")  # kinds of prior that need no table
-FREEDOM = 4.0  # degrees of freedom of the Student-t prior of fits to windows
+KINDS = ("flat", "order_damped", "sister_ship")
+"""Kinds of prior that need no table."""
+
+ASYMMETRY = float(np.log(0.1))
+"""Prior mean of the log factor of terms that a ship alike on both sides does not have: a tenth of the others."""
 
 
 class GaussianLikelihood(NamedTuple):
@@ -33,22 +38,23 @@ class GaussianLikelihood(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoefficientPrior:
-    """Independent normal priors of all coefficients, prime, in the vessel's order, with the likelihood of other data.
+    """Independent priors of all coefficients, prime, in the vessel's order, with the likelihood of other data.
 
     Attributes
     ----------
-    mean, scale : ndarray, shape (n_coefficients,); the sd is tau times the scale, infinite for a flat prior
+    mean : ndarray, shape (n_coefficients,)
+    scale : ndarray, shape (n_coefficients,); of Student's t before its factors, or sd; infinite for a flat prior
     unit : ndarray, shape (n_coefficients,); typical size of a coefficient, the scale where it is finite
-    tuned : ndarray of bool, shape (n_coefficients,); False where tau is 1
     kind : str
+    law : ScaleLaw or None; of the factors of the scales; normal priors have none
     likelihood : GaussianLikelihood or None; likelihood of other data, such as captive tests
     """
 
     mean: np.ndarray
     scale: np.ndarray
     unit: np.ndarray
-    tuned: np.ndarray
     kind: str
+    law: ScaleLaw | None = None
     likelihood: GaussianLikelihood | None = None
 
     __repr__ = field_text
@@ -57,6 +63,13 @@ class CoefficientPrior:
     def likelihood_or_flat(self) -> GaussianLikelihood:
         """Likelihood of other data; without rows where there are none."""
         return self.likelihood or GaussianLikelihood(np.empty((0, self.mean.size)), np.empty(0))
+
+    @property
+    def fixed(self) -> CoefficientPrior:
+        """Normal prior with the factors of the scales at their prior means."""
+        if self.law is None:
+            return self
+        return replace(self, scale=self.scale * np.exp(self.law.exponents @ self.law.center), law=None)
 
     def as_normal_at(self, coefficients: np.ndarray, sd: np.ndarray) -> CoefficientPrior:
         """Normal prior equivalent to Student's t at a posterior mean and sd, each (n_coefficients,).
@@ -67,14 +80,20 @@ class CoefficientPrior:
         return replace(self, scale=self.scale * np.sqrt((FREEDOM + square) / (FREEDOM + 1.0)))
 
     def draw(self, draws: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws of the prior at tau = 1, shape (draws, n_coefficients); InferenceError where a scale is infinite."""
+        """Draws of the prior with its factors, (draws, n_coefficients); InferenceError where a scale is infinite."""
         flat = int(np.sum(~np.isfinite(self.scale)))
         if flat:
             raise InferenceError(
                 f"Draws need a prior with a standard deviation of every coefficient, found {flat} of {self.scale.size} "
                 f"without (prior {self.kind}); use order_damped or sister_ship, or give them in a table."
             )
-        return self.mean + self.scale * rng.standard_normal((draws, self.mean.size))
+        standard = rng.standard_normal((draws, self.mean.size))
+        if self.law is None:
+            return self.mean + self.scale * standard
+        eta = self.law.center + FACTOR_SD * rng.standard_normal((draws, self.law.center.size))
+        heavy = standard * np.sqrt(FREEDOM / rng.chisquare(FREEDOM, standard.shape))
+        factor = np.exp(eta @ self.law.exponents.T)
+        return self.mean + self.scale * np.where(self.law.is_scaled, heavy * factor, standard)
 
 
 def coefficient_dofs(vessel: Vessel) -> np.ndarray:
@@ -89,7 +108,6 @@ def coefficient_prior(
     kind: str = "order_damped",
     *,
     table: Mapping[str, tuple[float, float]] | None = None,
-    damping: float = 0.3,
     relative_sd: float = 0.3,
 ) -> CoefficientPrior:
     """Prior of all coefficients by kind, overridden by a table or the vessel file.
@@ -97,65 +115,130 @@ def coefficient_prior(
     Parameters
     ----------
     trials : sequence of Dataset
-        Typical size of each coefficient: rms force of the DOF over rms term.
+        Typical size of each coefficient, rms force of the DOF over rms term, for ``"sister_ship"`` and ``"flat"``.
     vessel : Vessel, str or Path
-        Reference coefficients with an ``sd`` in the file are N(value, sd); the others are used by ``"sister_ship"``.
+        Its particulars; reference coefficients with an ``sd`` in the file are N(value, sd); the others are used by
+        ``"sister_ship"``.
     kind : {"order_damped", "sister_ship", "flat"}, optional
-        Mean 0, scale twice the typical size times ``damping`` for each order above the first; mean at the reference
-        value c, scale ``relative_sd`` times hypot(c, typical size / 20); or no prior.
+        Student's t with mean and scale from the particulars (:func:`.particulars_prior`) and factors that the records
+        choose: tau of each degree of freedom for the terms of the hull, its other symmetric terms and its asymmetric
+        terms, and a damping for each order above the first; mean at the reference value c, scale ``relative_sd`` times
+        hypot(c, typical size / 20) and tau; or no prior.
     table : mapping of str to (float, float), optional
         Mean and sd of single coefficients by name, prime values; overrides the vessel file.
-    damping, relative_sd : float, optional
-        Factor of the scale for each order above the first; relative sd of a sister ship's coefficients.
+    relative_sd : float, optional
+        Relative scale of a sister ship's coefficients.
 
     Returns
     -------
     CoefficientPrior
-        With tau by evidence, except for a flat prior, the table and the vessel file.
 
     Raises
     ------
     InferenceError
-        For an unknown kind, a damping outside (0, 1], a relative sd or a table's sd that is not positive, or unknown
-        names.
+        For an unknown kind, a relative sd or a table's sd that is not positive, or unknown names.
 
     Examples
     --------
-    Coefficients of a sister ship, one of them from a table (no factor tau):
+    Coefficients of a sister ship, one of them from a table, with a fixed scale:
 
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> prior = ps.coefficient_prior([trial], vessel, "sister_ship", table={"XT": (0.001, 0.0001)})
-    >>> prior.mean.shape, float(prior.mean[0]), bool(prior.tuned[0])
+    >>> prior.mean.shape, float(prior.mean[0]), bool(prior.law.is_scaled[0])
     ((29,), 0.001, False)
     """
     vessel = as_vessel(vessel)
-    if kind not in KINDS or not 0.0 < damping <= 1.0 or not 0.0 < relative_sd < np.inf:
+    if kind not in KINDS or not 0.0 < relative_sd < np.inf:
         raise InferenceError(
-            f"A prior of coefficients is one of {', '.join(KINDS)} with damping in (0, 1] and a positive relative sd, "
-            f"found {kind!r}, {damping} and {relative_sd}; correct them."
+            f"A prior of coefficients is one of {', '.join(KINDS)} with a positive relative sd, found {kind!r} and "
+            f"{relative_sd}; correct them."
         )
     known = np.array([parameter.sd for parameter in vessel.parameters])
-    typical = np.concatenate([coefficient_scales(trials, vessel) if any(vessel.forces.values()) else [], known])
-    mean, names = np.zeros(typical.size), coefficient_names(vessel)
     if kind == "order_damped":
-        damping_factors = [damping ** max(order(term) - 1, 0) for dof in vessel.dofs for term in vessel.terms(dof)]
-        scale = np.concatenate([2.0 * typical[: len(damping_factors)] * np.array(damping_factors), known])
-    elif kind == "sister_ship":
-        mean = reference_coefficients(vessel)
-        scale = relative_sd * np.hypot(mean, 0.05 * typical)
-    else:
-        scale = np.full(typical.size, np.inf)
-    tuned = np.isfinite(scale)
-    every = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
-    vessel_file = {c.name: (c.value, c.sd) for c in every if c.sd > 0.0}
-    for name, (center, sd) in (vessel_file | dict(table or {})).items():
+        mean, scale, groups = _of_particulars(vessel)
+        mean, scale = np.append(mean, np.zeros(known.size)), np.append(scale, known)
+        return _with_table(CoefficientPrior(mean, scale, scale, kind), groups, vessel, table)
+    typical = _typical_sizes(trials, vessel)
+    mean = reference_coefficients(vessel) if kind == "sister_ship" else np.zeros(typical.size)
+    if kind == "flat":
+        return _with_table(CoefficientPrior(mean, np.full(typical.size, np.inf), typical, kind), [], vessel, table)
+    scale = relative_sd * np.hypot(mean, 0.05 * typical)
+    groups = [_Group(f"tau {dof}", coefficient_dofs(vessel) == g) for g, dof in enumerate(vessel.dofs)]
+    return _with_table(CoefficientPrior(mean, scale, scale, kind), groups, vessel, table)
+
+
+def wide_prior(trials: Sequence[xr.Dataset], vessel: Vessel) -> CoefficientPrior:
+    """Prior about 0 with twice the typical size as scale of every order, and the values of the vessel file."""
+    scale = 2.0 * _typical_sizes(trials, vessel)
+    scale[scale.size - len(vessel.parameters) :] /= 2.0
+    return _with_table(CoefficientPrior(np.zeros(scale.size), scale, scale, "wide"), [], vessel, None)
+
+
+def _typical_sizes(trials: Sequence[xr.Dataset], vessel: Vessel) -> np.ndarray:
+    """Typical size of all coefficients: rms force of the DOF over rms term; the sd of parameters of parts."""
+    sizes = coefficient_scales(trials, vessel) if any(vessel.forces.values()) else np.empty(0)
+    return np.append(sizes, [parameter.sd for parameter in vessel.parameters])
+
+
+class _Group(NamedTuple):
+    """Coefficients with a factor in common: name, its power for each coefficient, and the prior mean of its log."""
+
+    name: str
+    power: np.ndarray
+    center: float = 0.0
+
+
+def _of_particulars(vessel: Vessel) -> tuple[np.ndarray, np.ndarray, list[_Group]]:
+    """Mean, scale and groups of the terms by the particulars, for the degrees of freedom with terms."""
+    if not any(vessel.forces.values()):
+        return np.empty(0), np.empty(0), []
+    known, none = particulars_prior(vessel), np.zeros(len(vessel.parameters), dtype=bool)
+    terms = [(term, dof) for dof in vessel.dofs for term in vessel.terms(dof)]
+    symmetric = np.append([is_symmetric(*pair) for pair in terms], none)
+    orders = np.append([max(order(term) - 1, 0) for term, _ in terms], none)
+    hull = np.append(known.of_hull, none)
+    groups = []
+    for g, dof in enumerate(vessel.dofs):
+        belongs = coefficient_dofs(vessel) == g
+        groups += [
+            _Group(f"tau {dof} hull", belongs & hull),
+            _Group(f"tau {dof}", belongs & symmetric & ~hull),
+            _Group(f"tau {dof} asymmetric", belongs & ~symmetric, ASYMMETRY),
+            _Group(f"damping {dof}", belongs * orders * ~hull),
+        ]
+    return known.mean, known.scale, groups
+
+
+def _with_table(
+    prior: CoefficientPrior, groups: Sequence[_Group], vessel: Vessel, table: Mapping[str, tuple[float, float]] | None
+) -> CoefficientPrior:
+    """Prior with the values of a table and of the vessel file, and the law of the scales of the other coefficients."""
+    mean, scale, unit, names = prior.mean.copy(), prior.scale.copy(), prior.unit.copy(), coefficient_names(vessel)
+    is_fixed = np.zeros(mean.size, dtype=bool)
+    is_fixed[mean.size - len(vessel.parameters) :] = True
+    for name, (center, sd) in (_vessel_file_priors(vessel) | dict(table or {})).items():
         if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
             raise InferenceError(
                 f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "
                 f"{name}: {center}, {sd}; correct it."
             )
         k = names.index(name)
-        mean[k], scale[k], tuned[k] = center, sd, False
-    return CoefficientPrior(mean, scale, np.where(np.isfinite(scale), scale, typical), tuned, kind)
+        mean[k], scale[k], unit[k], is_fixed[k] = center, sd, sd, True
+    powers = [np.where(is_fixed, 0.0, group.power) for group in groups]
+    chosen = [k for k, power in enumerate(powers) if power.any()]
+    law = None
+    if chosen:
+        law = ScaleLaw(
+            np.column_stack([powers[k] for k in chosen]),
+            np.array([groups[k].center for k in chosen]),
+            tuple(groups[k].name for k in chosen),
+        )
+    return replace(prior, mean=mean, scale=scale, unit=unit, law=law)
+
+
+def _vessel_file_priors(vessel: Vessel) -> dict[str, tuple[float, float]]:
+    """Mean and sd of the coefficients that have an ``sd`` in the vessel file."""
+    every = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
+    return {c.name: (c.value, c.sd) for c in every if c.sd > 0.0}

@@ -210,7 +210,7 @@ def _iterated_fit(
 ) -> tuple[TrajectoryFit, np.ndarray, float]:
     """Fit, root mean square residual of each channel (n_channels,) and design effect, iterated to convergence."""
     runs = [window.run for window in windows]
-    fixed_prior = replace(prior, tuned=np.zeros_like(prior.tuned))
+    fixed_prior = prior.fixed
     trial_indices = np.unique([window.trial for window in windows], return_inverse=True)[1]
     problem = replace(initial_problem(runs, vessel, fixed_prior), trial_indices=tuple(trial_indices.tolist()))
     constants = problem.center[problem.n_coefficients : problem.n_shared]
@@ -278,7 +278,7 @@ def with_constants(windows: Sequence[Window], fit: WindowFit) -> np.ndarray:
         return fit.coefficients
     scale = np.full(fit.coefficients.size, FIXED_SD)
     scale[own] = [parameter.sd for parameter in fit.vessel.parameters if parameter.per_run]
-    fixed_others = CoefficientPrior(fit.coefficients, scale, scale, np.zeros(scale.size, dtype=bool), "fixed")
+    fixed_others = CoefficientPrior(fit.coefficients, scale, scale, "fixed")
     problem = initial_problem([window.run for window in windows], fit.vessel, fixed_others)
     spread = np.array(list(fit.effective_sd.values()))
     unknowns = np.concatenate([fit.coefficients, *(window.state for window in windows)])

@@ -73,6 +73,12 @@ def order(term: str) -> int:
     return max(moving, 1) if rows else 0
 
 
+def is_mirrored(term: str) -> bool:
+    """Whether a term is odd in v, r, p, phi and delta: it changes its sign with the exchange of port and starboard."""
+    odd = [ROW_SYMBOL + k for k, symbol in enumerate(SYMBOLS) if symbol != "u"] + [ROW_RUDDER]
+    return sum(row in odd for row in factors(term)) % 2 == 1
+
+
 def needs_propeller(term: str) -> bool:
     """Whether a term contains propeller loading."""
     return any(row >= ROW_LOADING for row in factors(term))

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from pymc_ship.inference.captive.fit import CaptiveFit, fit_captive, with_discrepancy
 from pymc_ship.inference.rows.weak_form import weak_form_start
-from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood, coefficient_prior
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood, coefficient_prior, wide_prior
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.sequential_likelihood import (
     EarlierLikelihood,
@@ -211,7 +211,7 @@ def _revolutions_vary(trials: Sequence[xr.Dataset]) -> bool:
 
 def window_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
     """Prior of a window fit: wide for every coefficient of any order, or of a sister ship."""
-    return coefficient_prior(trials, vessel, "sister_ship" if kind == "sister_ship" else "order_damped", damping=1.0)
+    return coefficient_prior(trials, vessel, kind) if kind == "sister_ship" else wide_prior(trials, vessel)
 
 
 def default_term_sets(training: Training) -> tuple[str, ...]:
@@ -318,7 +318,7 @@ def _fit(problem: _Problem) -> WindowFit:
     except FitError:
         if problem.plain.modular:
             raise
-        return from_weak_form(coefficient_prior(problem.trials, problem.plain))
+        return from_weak_form(coefficient_prior(problem.trials, problem.plain).fixed)
 
 
 def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined:
