@@ -18,7 +18,7 @@ rng = np.random.default_rng(1)
 for vessel, draws in ship.models:
     if not vessel.modular:
         continue
-    prior = ps.coefficient_prior([], vessel, damping=1.0)
+    prior = ps.coefficient_prior([], vessel)
     fit = ps.fit_captive(tests, vessel, prior)
     alone = rng.multivariate_normal(fit.coefficients, fit.covariance, 400)
     found = captive_bands(tests, vessel, {"captive tests alone": alone}, revolutions=fit.revolutions)

@@ -100,7 +100,7 @@ def test_trajectories_have_the_prior_with_its_factors():
     assert shown == pytest.approx(
         100.0 * drawn.attrs["share_course_unstable"], abs=4.0 * 100.0 * np.sqrt(0.25 / 40 + 0.25 / 400)
     )
-    assert part.text.endswith("The factors tau of the prior come from the evidence of the records.")
+    assert part.text.endswith("The records chose the factors of its scales.")
     assert "reference values" not in part.text
 
 

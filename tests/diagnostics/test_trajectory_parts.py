@@ -151,7 +151,7 @@ def test_the_page_has_every_part_and_figure_and_states_its_defaults(page):
         "method trajectory: 4 chains of 100 independent draws of the normal approximation at the mode; 53 coeff" in page
     )
     assert re.search(
-        r"order_damped prior with factors tau surge [\d.]+, sway [\d.]+, yaw [\d.]+; noise model white", page
+        r"order_damped prior with median factors tau surge hull [\d.]+, tau surge [\d.]+, .*; noise model white", page
     )
     assert "Not shown" not in page
     assert "https://" not in page

@@ -87,10 +87,10 @@ test_value_errors = wording(
             (lambda tree: with_attrs(tree, pareto_khat=None), r"lacks attrs\['pareto_khat'\]"),
             (
                 lambda tree: with_attrs(tree, prior="{}"),
-                "its prior is to give family, tau, and mean and scale of every",
+                "its prior is to give family, factors, and mean and scale of every",
             ),
             (
-                lambda tree: with_attrs(tree, prior='{"family": "flat", "tau": {}, "mean": [0], "scale": [1]}'),
+                lambda tree: with_attrs(tree, prior='{"family": "flat", "factors": {}, "mean": [0], "scale": [1]}'),
                 "its prior",
             ),
             (lambda tree: tree.isel(draw=slice(3)), "four finite draws a chain or more, found 3 draws a chain in x"),

@@ -35,7 +35,7 @@ def one_fit(data, sd_factor):
     run = trajectory_run(data.trials[0], data.vessel, method="euler")
     run = replace(run, sample_sd=sd_factor * run.sample_sd)
     free = np.full(data.truth.size, np.inf)
-    prior = CoefficientPrior(0.0 * data.truth, free, np.abs(data.truth), np.isfinite(free), "flat")
+    prior = CoefficientPrior(0.0 * data.truth, free, np.abs(data.truth), "flat")
     start = np.concatenate([data.truth, run.initial_state[0]])
     fit = fit_trajectory(initial_problem([run], data.vessel, prior), start)
     return fit.coefficients, fit.sd

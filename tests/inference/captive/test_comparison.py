@@ -5,14 +5,14 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.inference.captive.comparison import captive_bands, captive_figure, comparison_page_table, comparison_rows
-from pymc_ship.inference.trajectory.prior import coefficient_prior
+from pymc_ship.inference.trajectory.prior import wide_prior
 from tests.inference.captive.test_fit import PARTS, program
 
 
 @pytest.fixture(scope="module")
 def found():
     vessel = ps.with_terms(ps.load_vessel("kvlcc2"), PARTS)
-    prior, rng = coefficient_prior([], vessel, "order_damped", damping=1.0), np.random.default_rng(3)
+    prior, rng = wide_prior([], vessel), np.random.default_rng(3)
     tests = program(vessel, rng, prior.mean).drop_vars("X")
     exact = np.tile(prior.mean, (3, 1))
     return captive_bands(tests, vessel, {"prior alone": prior.draw(200, rng), "identified": exact})

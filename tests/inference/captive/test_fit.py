@@ -14,7 +14,7 @@ from pymc_ship.inference.captive.fit import (
     nominal_revolution_tests,
     with_discrepancy,
 )
-from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood, coefficient_prior
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood, wide_prior
 from pymc_ship.physics.motion.captive import captive_test_derivatives, captive_test_forces
 from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
@@ -39,7 +39,7 @@ def program(vessel, rng, at):
 @pytest.fixture(scope="module")
 def tanker():
     vessel = ps.with_terms(ps.load_vessel("kvlcc2"), PARTS)
-    return vessel, coefficient_prior([], vessel, "order_damped", damping=1.0)
+    return vessel, wide_prior([], vessel)
 
 
 def test_a_fit_finds_ships_of_the_prior_with_the_scatter_it_states(tanker):
@@ -48,7 +48,7 @@ def test_a_fit_finds_ships_of_the_prior_with_the_scatter_it_states(tanker):
     for seed in range(6):
         rng = np.random.default_rng(seed)
         truth = prior.mean + 0.5 * prior.scale * np.clip(rng.standard_normal(prior.mean.size), -1.5, 1.5)
-        half = CoefficientPrior(prior.mean, 0.5 * prior.scale, prior.unit, prior.tuned, prior.kind)
+        half = CoefficientPrior(prior.mean, 0.5 * prior.scale, prior.unit, prior.kind)
         fit = fit_captive(program(vessel, rng, truth), vessel, half)
         sd = np.sqrt(np.diag(fit.covariance))
         known = sd < 0.5 * half.scale
@@ -85,7 +85,7 @@ def test_motion_takes_revolutions_where_parts_do(tanker):
 
 
 class TestSharedWithTrials:
-    prior = CoefficientPrior(np.zeros(4), np.ones(4), np.ones(4), np.zeros(4, dtype=bool), "stated")
+    prior = CoefficientPrior(np.zeros(4), np.ones(4), np.ones(4), "stated")
     covariance = 1e-4 * np.eye(4)
 
     def shared(self, discrepancy_scale):

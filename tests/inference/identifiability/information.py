@@ -9,7 +9,6 @@ import xarray as xr
 
 from pymc_ship.inference.identifiability.information import identifiability, runs_root
 from pymc_ship.inference.trajectory.fit import TrajectoryFit
-from pymc_ship.inference.trajectory.prior import coefficient_dofs
 
 
 def fisher_information(runs, vessel, *, noise_sd, initial_states=None) -> np.ndarray:
@@ -19,14 +18,13 @@ def fisher_information(runs, vessel, *, noise_sd, initial_states=None) -> np.nda
 
 
 def fitted_identifiability(fit: TrajectoryFit) -> xr.Dataset:
-    """:func:`identifiability` of the runs of a fit, at its mode, with its noise and with its prior times tau."""
-    problem, scale = fit.problem, fit.problem.prior.scale
-    tau = np.where(problem.prior.tuned, problem.tau[coefficient_dofs(problem.vessel)], 1.0)
+    """:func:`identifiability` of the runs of a fit, at its mode, with its noise and with the scales of its prior."""
+    problem = fit.problem
     places = zip(problem.runs, problem.nuisances, strict=True)
     return identifiability(
         problem.runs,
         problem.vessel,
-        replace(problem.prior, scale=tau * scale),
+        replace(problem.prior, scale=problem.current_scales.sd, law=None),
         coefficients=fit.coefficients,
         noise=problem.noise,
         initial_states=[fit.unknowns[place][: run.n_states] for run, place in places],

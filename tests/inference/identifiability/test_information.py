@@ -12,6 +12,7 @@ from pymc_ship.inference.identifiability.information import UNKNOWN, _without
 from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem, white_noise
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import trajectory_run
+from pymc_ship.inference.trajectory.scale_law import ScaleLaw
 from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.files.noise import noise_factors
@@ -41,7 +42,7 @@ def circle(small):
 def flat(vessel):
     typical = np.abs(reference_coefficients(vessel))
     free = np.full(typical.size, np.inf)
-    return CoefficientPrior(0.0 * typical, free, typical, np.zeros(typical.size, dtype=bool), "flat")
+    return CoefficientPrior(0.0 * typical, free, typical, "flat")
 
 
 def normal(vessel, scale):
@@ -106,13 +107,14 @@ def test_the_bound_is_the_sd_of_a_fit_without_a_prior(small, zigzag, sd):
     assert np.all(fitted_identifiability(replace(fit, problem=wrong))["bound"].values > 1.9 * fit.sd)
 
 
-def test_the_bound_of_van_trees_is_the_sd_of_a_fit_with_the_tuned_prior(small, zigzag, sd):
-    prior = replace(normal(small, np.abs(reference_coefficients(small))), tuned=np.ones(10, dtype=bool))
+def test_the_bound_of_van_trees_is_the_sd_of_a_fit_with_the_scales_of_its_prior(small, zigzag, sd):
+    law = ScaleLaw(np.ones((10, 1)), np.zeros(1), ("tau",))
+    prior = replace(normal(small, np.abs(reference_coefficients(small))), law=law)
     run = trajectory_run(zigzag, small, noise_sd={name: 10.0 * value for name, value in sd.items()})
     start = np.concatenate([reference_coefficients(small), run.initial_state[0]])
     fit = fit_trajectory(initial_problem([run], small, prior), start)
     found = fitted_identifiability(fit)
-    assert np.max(np.abs(np.log(fit.problem.tau))) > 0.05
+    assert np.abs(fit.problem.scales.eta[0]) > 0.05
     np.testing.assert_allclose(found["bayesian_bound"], fit.sd, rtol=0.01)
     assert np.max(np.abs(ps.identifiability(run, small, prior)["bayesian_bound"].values / fit.sd - 1.0)) > 0.05
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 import pymc_ship as ps
 from pymc_ship.inference.rows.weak_form import coefficient_scales, weak_form_start
-from pymc_ship.inference.trajectory.fit import fit_trajectory, linearise, whiten
+from pymc_ship.inference.trajectory.fit import fit_trajectory, linear_problem, linearise, whiten
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.replay import replay
@@ -106,15 +106,6 @@ def differences(problem, unknowns, columns):
         move[column] = 1e-4 * problem.unit[column]
         slopes.append((fitted_values(problem, unknowns + move) - fitted_values(problem, unknowns - move)) / 2e-4)
     return np.column_stack(slopes)
-
-
-def log_evidence_of_tau(fit, tau):
-    """Log evidence of the factors tau on the problem linearised at the mode, up to a constant."""
-    problem = replace(fit.problem, tau=tau)
-    point = linearise(fit.problem, fit.unknowns)
-    at = (fit.unknowns - problem.center) / problem.unit
-    pull, H = point.matrix @ at - point.gradient, point.matrix + np.diag(problem.precision)
-    return 0.5 * (np.log(problem.precision).sum() - np.linalg.slogdet(H)[1] + pull @ np.linalg.solve(H, pull))
 
 
 class TestLinearisation:
@@ -222,7 +213,7 @@ class TestMode:
         clean = record(ship, ps.zigzag(20.0, 20.0), duration=20.0, interval=1.0)
         settings = {"channels": ["u", "r"], "noise_sd": SD_GIVEN}
         sister = problem_of(ship, [rough(clean, 0)], "sister_ship", **settings)
-        sister = replace(sister, prior=replace(sister.prior, tuned=np.zeros(53, dtype=bool)))
+        sister = replace(sister, prior=sister.prior.fixed)
         fit = fit_trajectory(sister, truth(ship, [clean]))
         assert fit.residuals[0].size == 40 < fit.unknowns.size
         assert (fit.sd < sister.prior.scale * (1.0 + 1e-9)).all()
@@ -274,39 +265,37 @@ class TestApproximation:
 
 
 class TestScales:
-    def test_tau_is_where_the_evidence_of_the_linearised_problem_is_greatest(self, from_truth):
-        tau = from_truth.problem.tau
-        best = log_evidence_of_tau(from_truth, tau)
-        for g in range(tau.size):
-            low, high = (
-                log_evidence_of_tau(from_truth, np.where(np.arange(tau.size) == g, factor * tau, tau))
-                for factor in (1.0 / 1.2, 1.2)
-            )
-            curvature = (2.0 * best - low - high) / np.log(1.2) ** 2
-            assert curvature > 0.0
-            assert abs(high - low) / (2.0 * np.log(1.2)) / curvature < 0.05
+    def test_the_nuisances_are_integrated_out_and_drawn_given_the_coefficients(self, from_truth):
+        """Of the joint normal law of all unknowns under the fitted scales: marginal, and conditional mean and sd."""
+        problem, n = from_truth.problem, 53
+        point = linearise(problem, from_truth.unknowns)
+        linear, nuisances = linear_problem(problem, problem.prior.law, from_truth.unknowns, point)
+        joint = np.linalg.inv(point.matrix + np.diag(problem.precision))
+        marginal = np.linalg.inv(linear.information + np.diag(problem.current_scales.sd**-2.0))
+        unit = np.outer(problem.unit[:n], problem.unit[:n])
+        np.testing.assert_allclose(marginal / unit, joint[:n, :n], rtol=1e-5, atol=1e-9 * np.abs(joint[:n, :n]).max())
+        slope = joint[n:, :n] @ np.linalg.inv(joint[:n, :n])
+        np.testing.assert_allclose(nuisances.slope * problem.unit[:n], slope, rtol=1e-3, atol=1e-5)
+        spread = joint[n:, n:] - slope @ joint[:n, n:]
+        np.testing.assert_allclose(nuisances.root @ nuisances.root.T, spread, rtol=1e-4, atol=1e-12)
+        at_mode = (from_truth.unknowns - problem.center)[n:] / problem.unit[n:]
+        np.testing.assert_allclose(nuisances.mean, at_mode, atol=1e-2 * np.sqrt(np.diag(spread)).max())
 
-    def test_tau_corrects_another_size_of_the_prior_scales(self, problem, ship, zigzag, from_truth):
-        prior = problem.prior
-        wide = replace(prior, scale=3.0 * prior.scale, unit=3.0 * prior.unit)
-        fit = fit_trajectory(replace(problem, prior=wide), truth(ship, [zigzag]))
-        np.testing.assert_allclose(3.0 * fit.problem.tau, from_truth.problem.tau, rtol=0.02)
+    def test_the_records_choose_the_scales_whatever_the_units_of_the_prior(self, problem, ship, zigzag, from_truth):
+        prior = replace(problem.prior, unit=3.0 * problem.prior.unit)
+        fit = fit_trajectory(replace(problem, prior=prior), truth(ship, [zigzag]))
+        np.testing.assert_allclose(fit.problem.scales.eta, from_truth.problem.scales.eta, atol=0.02)
         assert np.max(np.abs(fit.coefficients - from_truth.coefficients) / from_truth.sd) < 0.05
 
-    def test_a_prior_that_is_not_tuned_stays(self, problem, ship, zigzag, from_truth):
-        prior = replace(problem.prior, tuned=np.zeros(53, dtype=bool))
-        fit = fit_trajectory(replace(problem, prior=prior), truth(ship, [zigzag]))
-        assert (fit.problem.tau == 1.0).all()
+    def test_a_fixed_prior_stays(self, problem, ship, zigzag, from_truth):
+        fit = fit_trajectory(replace(problem, prior=problem.prior.fixed), truth(ship, [zigzag]))
+        assert fit.problem.scales is None
+        np.testing.assert_array_equal(fit.problem.current_scales.sd, problem.prior.fixed.scale)
         assert fit.log_evidence < from_truth.log_evidence
-
-    def test_only_the_tuned_scales_are_multiplied_by_tau(self, problem):
-        tuned = np.arange(53) % 2 == 0
-        mixed = replace(problem, prior=replace(problem.prior, tuned=tuned), tau=np.full(3, 2.0))
-        np.testing.assert_allclose(mixed.precision[:53], np.where(tuned, 0.25, 1.0))
 
     def test_under_a_very_narrow_prior_the_fit_stays_at_its_mean(self, problem, ship, zigzag):
         reference, scale = reference_coefficients(ship), 1e-9 * problem.prior.unit
-        prior = CoefficientPrior(reference, scale, scale, np.zeros(53, dtype=bool), "known")
+        prior = CoefficientPrior(reference, scale, scale, "known")
         fit = fit_trajectory(replace(problem, prior=prior), truth(ship, [zigzag]))
         np.testing.assert_allclose(fit.sd, scale, rtol=1e-3)
         np.testing.assert_allclose(fit.coefficients, reference, atol=1e-8 * np.abs(reference).max())

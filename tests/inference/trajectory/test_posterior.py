@@ -10,6 +10,7 @@ from dataclasses import replace
 import arviz as az
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.special import logsumexp
 
 import pymc_ship as ps
@@ -22,6 +23,7 @@ from pymc_ship.inference.trajectory.posterior import (
     trajectory_mode,
     trajectory_posterior,
 )
+from pymc_ship.inference.trajectory.scale_law import FREEDOM
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from tests.inference.trajectory.cases import SD, problem_of, record, rough, truth
@@ -59,10 +61,23 @@ class TestDensities:
         """Draws of the prior have the mean log density of a normal: minus its entropy."""
         problem, rng = shifted_fit.problem, np.random.default_rng(2)
         sd = problem.unit / np.sqrt(problem.precision)
-        log_prior = log_prior_density(shifted_fit, problem.center + sd * rng.standard_normal((4000, sd.size)))
+        fixed = replace(shifted_fit, problem=replace(problem, prior=problem.prior.fixed))
+        sd = problem.unit / np.sqrt(fixed.problem.precision)
+        unknowns = problem.center + sd * rng.standard_normal((4000, sd.size))
+        log_prior = log_prior_density(fixed, unknowns, np.empty((4000, 0)))
         expected = -np.sum(0.5 * np.log(2.0 * np.pi * np.e) + np.log(sd))
         assert abs(log_prior.mean() - expected) < 4.0 * log_prior.std() / np.sqrt(4000)
         assert log_prior.std() == pytest.approx(np.sqrt(0.5 * sd.size), rel=0.1)
+
+    def test_with_factors_it_is_that_of_students_t(self, shifted_fit):
+        problem, rng = shifted_fit.problem, np.random.default_rng(3)
+        law, n = problem.prior.law, problem.n_coefficients
+        eta = law.center + rng.standard_normal((2, law.center.size))
+        unknowns = problem.center + problem.unit * rng.standard_normal((2, problem.unit.size))
+        scale = problem.prior.scale * np.exp(eta @ law.exponents.T)
+        of_t = stats.t.logpdf(unknowns[:, :n], FREEDOM, problem.prior.mean, scale).sum(axis=1)
+        others = stats.norm.logpdf(unknowns[:, n:], problem.center[n:], problem.unit[n:]).sum(axis=1)
+        np.testing.assert_allclose(log_prior_density(shifted_fit, unknowns, eta), of_t + others, rtol=1e-10)
 
     def test_the_log_evidence_is_that_of_importance_sampling(self, ship, zigzag):
         """Three free coefficients, all others fixed by a table: weights are even and their mean is the evidence."""
@@ -77,7 +92,11 @@ class TestDensities:
         standard = np.random.default_rng(3).standard_normal((1000, fit.unknowns.size))
         unknowns = fit.unknowns + standard @ fit.square_root.T
         log_q = -0.5 * np.sum(standard**2 + np.log(2.0 * np.pi), axis=1) - np.linalg.slogdet(fit.square_root)[1]
-        log_weight = log_likelihood_rows(fit, unknowns).sum(axis=1) + log_prior_density(fit, unknowns) - log_q
+        log_weight = (
+            log_likelihood_rows(fit, unknowns).sum(axis=1)
+            + log_prior_density(fit, unknowns, np.empty((1000, 0)))
+            - log_q
+        )
         weight = np.exp(log_weight - log_weight.max())
         error = weight.std() / weight.mean() / np.sqrt(weight.size)
         assert error < 0.05
@@ -127,7 +146,7 @@ class TestTree:
     def test_groups_dims_and_coordinates(self, tree, ship):
         assert set(tree.children) == {"posterior", "log_likelihood", "log_prior", "observed_data", "constant_data"}
         posterior = tree["posterior"]
-        assert dict(posterior.sizes) == {"chain": 4, "draw": 100, "coefficient": 53, "run": 2, "state": 5}
+        assert dict(posterior.sizes) == {"chain": 4, "draw": 100, "coefficient": 53, "run": 2, "state": 5, "factor": 11}
         assert posterior["coefficient"].values.tolist() == coefficient_names(ship)
         assert posterior["state"].values.tolist() == ["u", "v", "r", "p", "phi"]
         assert tree["log_likelihood"]["response"].dims == ("chain", "draw", "row")
@@ -146,8 +165,10 @@ class TestTree:
         expected = [SD["u"], SD["v"], SD["r"]]
         np.testing.assert_allclose(constant["noise_sd"], expected, rtol=0.1)
 
-    def test_draws_have_the_moments_of_the_normal_approximation(self, ship, trials, tree):
-        fit = trajectory_mode(trials, ship).choice.fit
+    def test_draws_of_a_fixed_prior_have_the_moments_of_the_normal_approximation(self, ship, trials):
+        fixed = ps.coefficient_prior(trials, ship).fixed
+        fit = trajectory_mode(trials, ship, fixed).choice.fit
+        tree = trajectory_posterior(trials, ship, fixed, draws=400, rng=np.random.default_rng(1))
         draws = tree["posterior"]["coefficients"].stack(sample=("chain", "draw")).values
         z = (draws.mean(axis=1) - fit.coefficients) / fit.sd * np.sqrt(400)
         assert np.abs(z).max() < 4.5
@@ -161,7 +182,11 @@ class TestTree:
         assert (attrs["starts"], attrs["starts_agreeing"], attrs["share_diverged"]) == (2, 2, 0.0)
         assert attrs["chi2"] == pytest.approx(1.0, abs=0.1)
         assert np.isfinite(attrs["pareto_khat"])
-        assert set(json.loads(attrs["prior"])["tau"]) == set(ship.dofs)
+        factors = json.loads(attrs["prior"])["factors"]
+        assert list(factors) == tree["posterior"]["factor"].values.tolist()
+        np.testing.assert_allclose(
+            list(factors.values()), tree["posterior"]["scale_factor"].median(("chain", "draw")), rtol=1e-12
+        )
 
     def test_the_same_seed_gives_the_same_tree_and_another_one_another(self, ship, trials, tree):
         again = trajectory_posterior(trials, ship, draws=400, rng=np.random.default_rng(1))

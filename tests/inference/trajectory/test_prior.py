@@ -9,8 +9,9 @@ from scipy import stats
 
 import pymc_ship as ps
 from pymc_ship.inference.rows.weak_form import coefficient_scales
-from pymc_ship.inference.trajectory.prior import FREEDOM, CoefficientPrior, coefficient_dofs
-from pymc_ship.physics.forces.terms import order
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
+from pymc_ship.inference.trajectory.scale_law import FACTOR_SD, FREEDOM
+from pymc_ship.physics.vessel.hull_database import particulars_prior
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from tests.inference.trajectory.cases import record
 
@@ -43,16 +44,34 @@ def test_names_and_dofs_are_in_the_vessels_order(container):
 
 
 class TestKinds:
-    @pytest.mark.parametrize("damping", [0.3, 0.5, 1.0])
-    def test_scales_fall_with_the_order_of_the_term(self, container, trial, typical, damping):
-        prior = ps.coefficient_prior([trial], container, damping=damping)
-        names = coefficient_names(container)
-        orders = np.array([max(order(name[1:]), 1) for name in names])
-        assert set(orders) == {1, 2, 3, 4}
-        assert orders[names.index("Yv|v|")] == 2
-        np.testing.assert_allclose(prior.scale, 2.0 * typical * damping ** (orders - 1.0), rtol=1e-12)
-        assert (prior.mean == 0.0).all()
-        assert prior.tuned.all()
+    def test_the_default_one_is_of_the_particulars_with_factors_by_kind_of_term(self, container, trial):
+        prior, known = ps.coefficient_prior([trial], container), particulars_prior(container)
+        np.testing.assert_array_equal(prior.mean, known.mean)
+        np.testing.assert_array_equal(prior.scale, known.scale)
+        names, factors = coefficient_names(container), prior.law.names
+        row = {name: dict(zip(factors, prior.law.exponents[k], strict=True)) for k, name in enumerate(names)}
+
+        def used(name):
+            return {factor: power for factor, power in row[name].items() if power}
+
+        assert used("Yv|v|") == {"tau sway hull": 1.0}
+        assert used("Ydeltadelta") == {"tau sway asymmetric": 1.0, "damping sway": 1.0}
+        assert used("Ydelta") == {"tau sway": 1.0}
+        assert used("Ydeltadeltadelta") == {"tau sway": 1.0, "damping sway": 2.0}
+        assert used("Xv") == {"tau surge asymmetric": 1.0}
+        center = dict(zip(factors, prior.law.center, strict=True))
+        assert center["tau sway asymmetric"] == pytest.approx(np.log(0.1))
+        assert center["tau sway"] == center["damping yaw"] == 0.0
+        assert prior.law.is_scaled.all()
+
+    def test_draws_have_its_mean_and_the_quartiles_of_a_mixture_of_students_t(self, container):
+        prior, rng = ps.coefficient_prior([], container), np.random.default_rng(1)
+        draws = prior.draw(4000, rng)
+        z = (draws - prior.mean) / prior.fixed.scale
+        size = np.exp(FACTOR_SD * rng.standard_normal((50_000, prior.law.center.size)) @ prior.law.exponents.T)
+        expected = np.quantile(np.abs(stats.t.rvs(FREEDOM, size=size.shape, random_state=rng)) * size, 0.5, axis=0)
+        fraction = np.mean(np.abs(z) < expected, axis=0)
+        assert np.max(np.abs(fraction - 0.5)) < 4.5 * 0.5 / np.sqrt(4000)
 
     def test_a_sister_ship_has_an_sd_relative_to_each_value_and_of_the_typical_size(self, container, trial, typical):
         prior, reference = ps.coefficient_prior([trial], container, "sister_ship"), reference_coefficients(container)
@@ -63,10 +82,10 @@ class TestKinds:
         closer = ps.coefficient_prior([trial], container, "sister_ship", relative_sd=0.1)
         np.testing.assert_allclose(closer.scale, prior.scale / 3.0, rtol=1e-12)
 
-    def test_a_flat_one_has_typical_sizes_as_units_and_nothing_to_tune(self, container, trial, typical):
+    def test_a_flat_one_has_typical_sizes_as_units_and_no_factors(self, container, trial, typical):
         prior = ps.coefficient_prior([trial], container, "flat")
         assert np.isinf(prior.scale).all()
-        assert not prior.tuned.any()
+        assert prior.law is None
         np.testing.assert_array_equal(prior.unit, typical)
 
     @pytest.mark.parametrize("kind", ["flat", "order_damped", "sister_ship"])
@@ -75,8 +94,9 @@ class TestKinds:
         at, others = names.index("Nr"), np.arange(len(names)) != names.index("Nr")
         plain = ps.coefficient_prior([trial], container, kind)
         prior = ps.coefficient_prior([trial], container, kind, table={"Nr": (-0.002, 1e-4)})
-        assert (prior.mean[at], prior.scale[at], prior.unit[at], prior.tuned[at]) == (-0.002, 1e-4, 1e-4, False)
-        for name in ("mean", "scale", "unit", "tuned"):
+        assert (prior.mean[at], prior.scale[at], prior.unit[at]) == (-0.002, 1e-4, 1e-4)
+        assert prior.law is None or not prior.law.is_scaled[at]
+        for name in ("mean", "scale", "unit"):
             np.testing.assert_array_equal(getattr(prior, name)[others], getattr(plain, name)[others])
 
     def test_a_table_does_not_change_the_vessel(self, container, trial):
@@ -89,7 +109,7 @@ class TestNormalForStudent:
     @staticmethod
     def settled(measured, sd):
         """Posterior mean and sd of a coefficient with Student's t about 0, scale 1, that was measured, by turns."""
-        student_t = CoefficientPrior(np.zeros(1), np.ones(1), np.ones(1), np.zeros(1, dtype=bool), "stated")
+        student_t = CoefficientPrior(np.zeros(1), np.ones(1), np.ones(1), "stated")
         normal = student_t
         for _ in range(60):
             precision = sd**-2.0 + normal.scale**-2.0
@@ -119,5 +139,5 @@ class TestNormalForStudent:
 
     def test_a_coefficient_without_data_keeps_its_scale(self):
         mean, scale = np.array([0.1, -3.0]), np.array([0.02, 7.0])
-        student_t = CoefficientPrior(mean, scale, scale, np.zeros(2, dtype=bool), "stated")
+        student_t = CoefficientPrior(mean, scale, scale, "stated")
         np.testing.assert_allclose(student_t.as_normal_at(mean, scale).scale, scale, rtol=1e-15)

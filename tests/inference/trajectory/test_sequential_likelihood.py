@@ -24,7 +24,7 @@ def linear_case(earlier=None):
     vessel = ps.load_vessel("kvlcc2")
     scale = 10.0 ** RNG.uniform(-5, -2, N)
     mean = scale * RNG.standard_normal(N)
-    prior = CoefficientPrior(mean, scale, scale, np.zeros(N, dtype=bool), "stated", earlier)
+    prior = CoefficientPrior(mean, scale, scale, "stated", likelihood=earlier)
     root = RNG.standard_normal((N + 5, N)) / scale
     windows, own = root.T @ root, mean + scale * RNG.standard_normal(N)
     design = prior.likelihood_or_flat.design
@@ -57,7 +57,7 @@ def test_the_likelihood_leaves_out_constants_of_a_run():
     parameters = tuple(replace(c, per_run=k == 3) for k, c in enumerate(vessel.parameters))
     n = len(parameters)
     scale = np.full(n, 0.1)
-    prior = CoefficientPrior(np.zeros(n), scale, scale, np.zeros(n, dtype=bool), "stated")
+    prior = CoefficientPrior(np.zeros(n), scale, scale, "stated")
     zero = np.zeros((n, n))
     fit = WindowFit(replace(vessel, parameters=parameters), np.ones(n), zero, zero, 300.0 * np.eye(n), {}, 1.0, 1)
     likelihood = window_likelihood(fit, prior)
@@ -80,7 +80,7 @@ def test_the_product_has_the_rows_in_order():
 def test_the_discrepancy_scale_is_the_distance_of_the_coefficients(shift, low, high):
     n = 40
     moved = shift * np.random.default_rng(2).standard_normal(n)
-    prior = CoefficientPrior(np.zeros(n), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), "stated")
+    prior = CoefficientPrior(np.zeros(n), np.ones(n), np.ones(n), "stated")
     likelihood = GaussianLikelihood(100.0 * np.eye(n), np.zeros(n))
     commensurate, (scale,) = commensurate_likelihood(likelihood, prior, moved, 1e-4 * np.eye(n))
     assert low <= scale <= high
@@ -92,7 +92,7 @@ def test_coefficients_of_a_facility_have_a_discrepancy_scale_of_their_own():
     n, own = 40, [3, 7, 11, 20, 33]
     moved = np.zeros(n)
     moved[own] = (1.0, -1.2, 0.9, -0.8, 1.1)
-    prior = CoefficientPrior(np.zeros(n), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), "stated")
+    prior = CoefficientPrior(np.zeros(n), np.ones(n), np.ones(n), "stated")
     likelihood = GaussianLikelihood(100.0 * np.eye(n), np.zeros(n))
     commensurate, (common, own_scale) = commensurate_likelihood(likelihood, prior, moved, 1e-4 * np.eye(n), own)
     assert common == 0.0
@@ -113,13 +113,11 @@ def test_at_another_draught_each_coefficient_is_as_many_prior_sd_from_its_mean()
     here = EarlierLikelihood(
         names, GaussianLikelihood(rng.normal(size=(6, n)), rng.normal(size=6)), np.zeros(2), mean, scale
     )
-    other = CoefficientPrior(
-        rng.normal(size=3), rng.uniform(0.5, 2.0, 3), np.ones(3), np.zeros(3, dtype=bool), "stated"
-    )
+    other = CoefficientPrior(rng.normal(size=3), rng.uniform(0.5, 2.0, 3), np.ones(3), "stated")
     there = here.at_draught(names[:3], other)
     away = rng.normal(size=n)
     moved = np.append(other.mean + other.scale * away[:3], mean[3] + scale[3] * away[3])
     np.testing.assert_allclose(there.gaussian.residuals(moved), here.gaussian.residuals(mean + scale * away))
-    again = there.at_draught(names, CoefficientPrior(mean, scale, np.ones(n), np.zeros(n, dtype=bool), "stated"))
+    again = there.at_draught(names, CoefficientPrior(mean, scale, np.ones(n), "stated"))
     np.testing.assert_allclose(again.gaussian.design, here.gaussian.design)
     np.testing.assert_allclose(again.gaussian.response, here.gaussian.response)

@@ -15,8 +15,9 @@ from pymc_ship.inference.trajectory import prior as priors
 from pymc_ship.inference.trajectory import windows as window_fit
 from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem
 from pymc_ship.inference.trajectory.posterior import laplace_posterior
-from pymc_ship.inference.trajectory.prior import coefficient_prior
+from pymc_ship.inference.trajectory.prior import wide_prior as window_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
+from pymc_ship.inference.trajectory.scale_law import ScaleLaw
 from pymc_ship.inference.trajectory.windows import (
     LENGTH,
     SAMPLES,
@@ -152,7 +153,7 @@ def fitted():
     """Fit of the true terms, from the prior mean, to noise-free windows of three runs."""
     runs = [trial(what) for what in RUNS]
     vessel = with_terms(tanker(), TRUE_TERMS)
-    prior = coefficient_prior(runs, vessel, "order_damped", damping=1.0)
+    prior = window_prior(runs, vessel)
     start = weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4")
     windows = [window for run in runs for window in prepared_windows(run, vessel)]
     return fit_windows(windows, vessel, prior, start)
@@ -199,10 +200,11 @@ class TestFit:
             assert np.linalg.eigvalsh(matrix / np.outer(size, size)).min() > -1e-9
             np.testing.assert_allclose(matrix, matrix.T, rtol=1e-6, atol=1e-6 * np.abs(matrix).max())
 
-    def test_a_scale_of_the_prior_is_not_tuned(self, container, monkeypatch):
+    def test_a_scale_of_the_prior_is_fixed(self, container, monkeypatch):
         monkeypatch.setattr(priors, "FREEDOM", 1e9)
         ship, reference, windows = tiny(container)
-        tight = replace(wide_prior(1.1 * reference, 1e-4), tuned=np.ones(reference.size, dtype=bool))
+        one = ScaleLaw(np.ones((reference.size, 1)), np.zeros(1), ("tau",))
+        tight = replace(wide_prior(1.1 * reference, 1e-4), law=one)
         fit = fit_windows(windows, ship, tight, reference)
         np.testing.assert_allclose(fit.coefficients, 1.1 * reference, rtol=1e-3)
         sd = np.sqrt(np.diag(np.linalg.inv(fit.information)))

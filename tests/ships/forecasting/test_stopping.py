@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pymc_ship as ps
-from pymc_ship.inference.trajectory.prior import coefficient_prior
+from pymc_ship.inference.trajectory.prior import wide_prior
 from pymc_ship.physics.motion.captive import captive_test_forces
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.steering.stopping_tests import INDICES
@@ -22,7 +22,7 @@ def tanker():
 
 @pytest.fixture(scope="module")
 def drawn(tanker):
-    draws = coefficient_prior([], tanker, damping=1.0).draw(60, np.random.default_rng(1))
+    draws = wide_prior([], tanker).draw(60, np.random.default_rng(1))
     return stopping(ship_of((tanker, draws)), astern=1.0)
 
 

@@ -58,4 +58,4 @@ def with_values(vessel: Vessel, row: np.ndarray) -> Vessel:
 def wide_prior(center: np.ndarray, times: float = 10.0) -> CoefficientPrior:
     """Prior about some coefficients, of so many times their size."""
     scale = times * np.abs(center)
-    return CoefficientPrior(center, scale, scale, np.zeros(center.size, dtype=bool), "wide")
+    return CoefficientPrior(center, scale, scale, "wide")

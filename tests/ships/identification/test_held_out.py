@@ -8,7 +8,7 @@ from scipy import stats
 
 import pymc_ship as ps
 from pymc_ship.inference.rows.weak_form import weak_form_start
-from pymc_ship.inference.trajectory.prior import coefficient_prior
+from pymc_ship.inference.trajectory.prior import wide_prior
 from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, prepared_windows, window_misfit
 from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.physics.vessel.term_sets import with_terms
@@ -124,7 +124,7 @@ class TestScore:
         densities = {}
         for name in (TRUE_TERMS, "loading"):
             vessel = with_terms(tanker(), name)
-            prior = coefficient_prior(records, vessel, "order_damped", damping=1.0)
+            prior = wide_prior(records, vessel)
             start = weak_form_start(records, vessel, prior.mean, prior.scale, method="rk4")
             runs = [prepared_windows(record, vessel) for record in records]
 

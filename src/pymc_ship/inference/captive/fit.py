@@ -92,7 +92,7 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     >>> rows = [f"{d},15.5,{-2e-6 * d * d - 8e-5},{5.6e-5 * d},{-3e-5 * d}" for d in range(-20, 25, 5)]
     >>> np.savetxt("rudder.csv", ["delta [deg],speed [kn],X',Y',N'", *rows], fmt="%s")
     >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular")
-    >>> prior = ps.coefficient_prior([], vessel, damping=1.0)
+    >>> prior = ps.coefficient_prior([], vessel)
     >>> fit = ps.fit_captive(ps.read_captive("rudder.csv", vessel), vessel, prior)
     >>> names = [parameter.name for parameter in vessel.parameters]
     >>> k = names.index("f_alpha")
