@@ -34,7 +34,7 @@ WEAK_FORM_INTERVAL = 4.0
 LEVELS = np.array([0.05, 0.25, 0.5, 0.75, 0.95])
 """Probabilities of the ends of the intervals of 90 and 50 %, and of the estimate."""
 
-_DRAWS = 1000
+_DRAWS = 400
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,9 +79,8 @@ class Estimate:
 def exact_estimate(exact: Mapping[str, ExactPosterior]) -> Estimate:
     """Means and quantiles of the exact posterior of every DOF."""
     ends = [posterior.quantiles(LEVELS) for posterior in exact.values()]
-    lower, lower_half, _, upper_half, upper = (np.concatenate(values) for values in zip(*ends, strict=True))
     means = np.concatenate([posterior.mean for posterior in exact.values()])
-    return Estimate(means, lower, upper, lower_half, upper_half)
+    return _estimate(means, [np.concatenate(values) for values in zip(*ends, strict=True)])
 
 
 def trajectory_estimate(fit: TrajectoryFit) -> Estimate:
@@ -91,7 +90,12 @@ def trajectory_estimate(fit: TrajectoryFit) -> Estimate:
     else:
         draws = approximate_draws(fit, 1, _DRAWS, np.random.default_rng(0))[0][:, : fit.coefficients.size]
         ends = np.quantile(draws, LEVELS, axis=0)
-    return Estimate(ends[2], ends[0], ends[4], ends[1], ends[3])
+    return _estimate(ends[2], ends)
+
+
+def _estimate(coefficients: np.ndarray, quantiles: Sequence[np.ndarray]) -> Estimate:
+    """Estimate with the quantiles of :data:`LEVELS`."""
+    return Estimate(coefficients, quantiles[0], quantiles[4], quantiles[1], quantiles[3])
 
 
 def regression_estimate(

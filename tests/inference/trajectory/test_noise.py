@@ -22,6 +22,7 @@ from pymc_ship.inference.trajectory.noise import (
     sample_residuals,
     serial_test,
 )
+from pymc_ship.inference.trajectory.posterior import approximate_draws
 from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.trial.record import second_difference_sd
@@ -61,7 +62,10 @@ def choices(choose):
 
 
 def share_covered(fit, ship):
-    return np.mean(np.abs(fit.coefficients - reference_coefficients(ship)) < 1.645 * fit.sd)
+    draws = approximate_draws(fit, 1, 400, np.random.default_rng(0))[0][:, : fit.coefficients.size]
+    low, high = np.quantile(draws, (0.05, 0.95), axis=0)
+    reference = reference_coefficients(ship)
+    return np.mean((low <= reference) & (reference <= high))
 
 
 class TestChoice:

@@ -2,6 +2,7 @@
 
 - `runs`: a trial in the arrays of the likelihood.
 - `prior`: prior of all coefficients of a vessel.
+- `scale_law`: law of the scales of a prior, and draws with them integrated out.
 - `fit`: posterior mode and normal approximation for given noise.
 - `noise`: choice of the noise model by the residuals.
 - `mode`: best mode of several starts.

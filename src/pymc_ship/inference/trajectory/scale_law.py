@@ -20,7 +20,7 @@ FACTOR_SD = float(np.log(2.0))
 
 _LARGEST_MIXING = 1e4  # of the variance of a coefficient over that of its factors: bounds the condition number
 _BURN_IN = 300
-_THINNING = 10
+_THINNING = 25
 _STEP = 0.6  # of the random walk of eta, in posterior sd of a group of about ten coefficients
 _MOST_UPDATES = 200
 _CONVERGED = 1e-3
@@ -111,34 +111,28 @@ def gibbs_draws(
     deviations = np.empty((chains, draws, problem.scale.size))
     factors = np.empty((chains, draws, law.center.size))
     mixing = (start.sd / problem.factor(start.eta)) ** 2
-    information, exponents = np.ascontiguousarray(problem.information), np.ascontiguousarray(law.exponents)
+    arrays = (*problem[1:], law.exponents, law.is_scaled, law.center)
+    kernel = _Kernel(*map(np.ascontiguousarray, arrays))
     for chain in range(chains):
-        _gibbs(
-            information,
-            problem.score,
-            problem.mode,
-            problem.scale,
-            exponents,
-            law.is_scaled,
-            law.center,
-            begin[chain],
-            mixing.copy(),
-            rng,
-            deviations[chain],
-            factors[chain],
-        )
+        _gibbs(kernel, begin[chain], mixing.copy(), rng, deviations[chain], factors[chain])
     return deviations, factors
+
+
+class _Kernel(NamedTuple):
+    """Arrays of a linear problem and its law."""
+
+    scale: np.ndarray
+    information: np.ndarray
+    score: np.ndarray
+    mode: np.ndarray
+    exponents: np.ndarray
+    is_scaled: np.ndarray
+    center: np.ndarray
 
 
 @njit(cache=True, nogil=True)
 def _gibbs(
-    information: np.ndarray,
-    score: np.ndarray,
-    mode: np.ndarray,
-    scale: np.ndarray,
-    exponents: np.ndarray,
-    is_scaled: np.ndarray,
-    center: np.ndarray,
+    kernel: _Kernel,
     eta: np.ndarray,
     mixing: np.ndarray,
     rng: np.random.Generator,
@@ -146,15 +140,16 @@ def _gibbs(
     factors: np.ndarray,
 ) -> None:
     """Fill draws of one chain; see :func:`gibbs_draws`."""
+    scale, exponents, center = kernel.scale, kernel.exponents, kernel.center
     n, m = exponents.shape
     sd, whitened, deviation = scale * np.exp(exponents @ eta) * np.sqrt(mixing), np.empty(n), np.empty(n)
-    value, root = _evidence(information, score, mode, sd, whitened)
+    value, root = _evidence(kernel, sd, whitened)
     new_whitened = np.empty(n)
     for step in range(-_BURN_IN, deviations.shape[0] * _THINNING):
         k = (step + _BURN_IN) % m
         change = _STEP * rng.standard_normal()
         new_sd = sd * np.exp(change * exponents[:, k])
-        new_value, new_root = _evidence(information, score, mode, new_sd, new_whitened)
+        new_value, new_root = _evidence(kernel, new_sd, new_whitened)
         gain = new_value - value - change * (eta[k] - center[k] + 0.5 * change) / FACTOR_SD**2
         if np.log(rng.random()) < gain:
             eta[k] += change
@@ -165,10 +160,10 @@ def _gibbs(
             for j in range(i + 1, n):
                 total -= root[j, i] * deviation[j]
             deviation[i] = total / root[i, i]
-        deviation = mode + sd * deviation
+        deviation = kernel.mode + sd * deviation
         factor = scale * np.exp(exponents @ eta)
         for i in range(n):
-            if is_scaled[i]:
+            if kernel.is_scaled[i]:
                 standard = (deviation[i] / factor[i]) ** 2
                 mixing[i] = min((FREEDOM + standard) / 2.0 / rng.gamma((FREEDOM + 1.0) / 2.0, 1.0), _LARGEST_MIXING)
         for k in range(m):
@@ -183,27 +178,25 @@ def _gibbs(
                 eta[k] += change
                 factor = factor * np.exp(change * exponents[:, k])
         sd = factor * np.sqrt(mixing)
-        value, root = _evidence(information, score, mode, sd, whitened)
+        value, root = _evidence(kernel, sd, whitened)
         if step >= 0 and step % _THINNING == 0:
             deviations[step // _THINNING], factors[step // _THINNING] = deviation, eta
 
 
 @njit(cache=True, nogil=True)
-def _evidence(
-    information: np.ndarray, score: np.ndarray, mode: np.ndarray, sd: np.ndarray, whitened: np.ndarray
-) -> tuple[float, np.ndarray]:
+def _evidence(kernel: _Kernel, sd: np.ndarray, whitened: np.ndarray) -> tuple[float, np.ndarray]:
     """Log evidence of prior sds and the Cholesky factor; fills the whitened mean of the changes from the mode."""
     n = sd.size
     total = np.empty((n, n))
     for i in range(n):
         for j in range(n):
-            total[i, j] = sd[i] * information[i, j] * sd[j]
+            total[i, j] = sd[i] * kernel.information[i, j] * sd[j]
         total[i, i] += 1.0
     root, value = np.linalg.cholesky(total), 0.0
     for i in range(n):
-        rest = sd[i] * score[i] - mode[i] / sd[i]
+        rest = sd[i] * kernel.score[i] - kernel.mode[i] / sd[i]
         for j in range(i):
             rest -= root[i, j] * whitened[j]
         whitened[i] = rest / root[i, i]
-        value += 0.5 * whitened[i] ** 2 - 0.5 * (mode[i] / sd[i]) ** 2 - np.log(root[i, i])
+        value += 0.5 * whitened[i] ** 2 - 0.5 * (kernel.mode[i] / sd[i]) ** 2 - np.log(root[i, i])
     return value, root
