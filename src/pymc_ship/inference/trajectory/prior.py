@@ -17,6 +17,7 @@ from pymc_ship.physics.forces.terms import order
 from pymc_ship.physics.vessel.hull_database import is_symmetric, particulars_prior
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
+from pymc_ship.trial.record import trial_list
 
 KINDS = ("flat", "order_damped", "sister_ship")
 """Kinds of prior that need no table."""
@@ -149,7 +150,7 @@ def coefficient_prior(
     >>> prior.mean.shape, float(prior.mean[0]), bool(prior.law.is_scaled[0])
     ((29,), 0.001, False)
     """
-    vessel = as_vessel(vessel)
+    vessel, trials = as_vessel(vessel), trial_list(trials)
     if kind not in KINDS or not 0.0 < relative_sd < np.inf:
         raise InferenceError(
             f"A prior of coefficients is one of {', '.join(KINDS)} with a positive relative sd, found {kind!r} and "
