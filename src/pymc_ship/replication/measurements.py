@@ -185,7 +185,8 @@ def method_rows(
         "best differencing": (rivals[best], best),
         "paper's pipeline": (exact_estimate(identification.exact["conjugate"]), "forward difference at 1 s"),
     }
-    expected = errors_on_bound(relative_bound(vessel, bound)) | {"coverage": float("nan"), "detail": "unbiased, normal"}
+    unknown = {"coverage": float("nan"), "coverage_half": float("nan"), "detail": "unbiased, normal"}
+    expected = errors_on_bound(relative_bound(vessel, bound)) | unknown
     return [{**labels, "method": BOUND, **expected}] + [
         {**labels, "method": name, **estimate.scores(vessel), "detail": detail}
         for name, (estimate, detail) in (fits | rest).items()

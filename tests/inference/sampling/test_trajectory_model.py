@@ -6,6 +6,7 @@ import arviz as az
 import numpy as np
 import pymc as pm
 import pytest
+from scipy import stats
 from scipy.stats import chi2
 
 import pymc_ship as ps
@@ -46,9 +47,9 @@ def trial(seed, angle=20.0):
 
 
 def close_prior(trials, vessel, **changes):
-    """A prior of 5 % about a sister ship, not tuned: the posterior is nearly normal."""
+    """A prior of 5 % about a sister ship with a fixed scale: the posterior is nearly normal."""
     prior = coefficient_prior(trials, vessel, "sister_ship", relative_sd=0.05)
-    return replace(prior, tuned=np.zeros(prior.mean.size, dtype=bool), **changes)
+    return replace(prior.fixed, **changes)
 
 
 @cache
@@ -75,7 +76,7 @@ def density(case):
 def log_density(fit, coordinate):
     """Log density of records and prior, without PyMC."""
     unknowns = (fit.unknowns + fit.square_root @ coordinate)[None]
-    return float(log_likelihood_rows(fit, unknowns).sum() + log_prior_density(fit, unknowns)[0])
+    return float(log_likelihood_rows(fit, unknowns).sum() + log_prior_density(fit, unknowns, np.empty((1, 0)))[0])
 
 
 def points(fit, count=2):
@@ -89,6 +90,21 @@ def test_log_density_is_that_of_records_and_prior(case):
         expected = log_density(fit, point)
         assert density(case)(point)[0] == pytest.approx(expected, rel=1e-12)
         assert log_density(halved(fit), point) != pytest.approx(expected, rel=1e-3)
+
+
+def test_with_factors_the_log_density_has_students_t_and_their_normal_law():
+    ship = ps.load_vessel("container")
+    chosen = trajectory_mode(trial(1), ship, method="euler", **CASES["white"])
+    fit, n = chosen.choice.fit, chosen.choice.fit.unknowns.size
+    law, scales = fit.problem.prior.law, fit.problem.current_scales
+    function = mode_model(chosen).logp_dlogp_function(ravel_inputs=True, mode="FAST_COMPILE")
+    function.set_extra_values({})
+    point = 0.3 * np.random.default_rng(5).standard_normal(n + law.center.size)
+    unknowns = (fit.unknowns + fit.square_root @ point[:n])[None]
+    eta = scales.eta + FACTOR_SD * point[n:]
+    expected = log_likelihood_rows(fit, unknowns).sum() + log_prior_density(fit, unknowns, eta[None])[0]
+    expected += stats.norm.logpdf(eta, law.center, FACTOR_SD).sum()
+    assert function(point)[0] == pytest.approx(float(expected), rel=1e-10)
 
 
 def halved(fit):
