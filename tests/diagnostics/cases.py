@@ -9,6 +9,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.inference.trajectory.posterior import TrajectoryMode, laplace_posterior, trajectory_mode
+from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.physics.vessel.vessel import Vessel
 from tests.inference.trajectory.cases import record, rough, unmodelled_roll_text
 
@@ -23,7 +24,8 @@ def short_mode(prior: str = "order_damped", noise: str = "white") -> TrajectoryM
     """Mode from 120 s of a zigzag and 60 s of a turn, sampled twice a second; offsets where noise is correlated."""
     runs = [ps.zigzag(20.0, 20.0), 120.0, 1], [ps.turning_circle(35.0), 60.0, 2]
     trials = [rough(record(hull(), what, interval=0.5, duration=duration), seed) for what, duration, seed in runs]
-    return trajectory_mode(trials, hull(), prior, noise=noise, offsets=noise == "ar1")
+    chosen = coefficient_prior(trials, hull()).fixed if prior == "fixed" else prior
+    return trajectory_mode(trials, hull(), chosen, noise=noise, offsets=noise == "ar1")
 
 
 @cache

@@ -82,7 +82,7 @@ UNKNOWN = {
     "agreement": {"divergences"},
     "coefficients": {f"{name}_{family}" for name in ("published", "published_error", "error") for family in FAMILIES}
     | {"bound", "bound_literal"},
-    "methods": {"coverage", "median", "under_5", "under_20", "under_50"},
+    "methods": {"coverage", "coverage_half", "median", "under_5", "under_20", "under_50"},
 }
 """What may be NaN: no ship of a wide prior may reach an index, no intervals are printed, nor are there of the bound,
 Gibbs knows no divergence, a zero has no relative error, a fit without prior may fail under the literal noise."""

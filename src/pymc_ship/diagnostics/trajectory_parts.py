@@ -277,7 +277,7 @@ def _sensitivity(tree: xr.DataTree) -> Part:
         return Part(title, f"Not shown: {lacking}")
     rows = numbers.prior_sensitivity(trajectory.without_diverged_draws(tree))
     moved = sum(row["prior"] > PSENSE_LIMIT for row in rows)
-    text = f"{moved} of {len(rows)} coefficients move with the prior, given the factors of its scales."
+    text = f"{moved} of {len(rows)} coefficients move with the prior at the median factors of its scales."
     shown = sorted(rows, key=lambda row: -row["prior"])[:_LISTED]
     caption = (
         f"The {len(shown)} most sensitive to the prior. Power-scaling by 0.99 and 1.01 (psense); above "

@@ -118,7 +118,7 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
         )
     khat = pareto_khat((log_likelihood.sum(axis=1) - linear)[finite])
     attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~finite))}
-    parts = unknowns, eta, log_likelihood, log_prior_density(fit, unknowns, eta)
+    parts = unknowns, eta, log_likelihood, log_prior_density(fit, unknowns, np.median(eta, axis=0))
     by_chain = (values.reshape(chains, draws // chains, *values.shape[1:]) for values in parts)
     return trajectory_tree(mode, *by_chain, method="trajectory", attrs=attrs | {"rng_state": state})
 
@@ -183,7 +183,7 @@ def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
 
 
 def log_prior_density(fit: TrajectoryFit, unknowns: np.ndarray, eta: np.ndarray) -> np.ndarray:
-    """Log prior density of all unknowns given the factors of the scales, (n_draws,); flat priors add 0."""
+    """Log prior density of all unknowns given log factors eta (..., n_factors), (n_draws,); flat priors add 0."""
     problem, n = fit.problem, fit.problem.n_coefficients
     precision, unit = problem.precision, problem.unit
     proper = precision > 0.0
