@@ -21,6 +21,31 @@ def row(name: str, column: str, value: str) -> dict[str, str]:
     return match
 
 
+def interval_rows() -> list[str]:
+    """Rows ship, manoeuvre, and by level the percentages of coefficients in the intervals of 90 and 50 %, with errors."""
+    cells: dict[tuple[str, str], list[str]] = {}
+    for line in table("intervals/cells"):
+        held = " / ".join(
+            f"{float(line[name]):.0f} ± {float(line[f'{name}_se']):.0f}" for name in ("coverage", "coverage_half")
+        )
+        cells.setdefault((line["ship"], line["manoeuvre"].removesuffix(" port")), []).append(held)
+    return [f"| {ship} | {manoeuvre} | {' | '.join(levels)} |" for (ship, manoeuvre), levels in cells.items()]
+
+
+def interval_summary() -> str:
+    """Sentence on all cells and the worst ones."""
+    rows = table("intervals/cells")
+    hold = {name: [float(line[name]) for line in rows] for name in ("coverage", "coverage_half")}
+    worst = {name: min(rows, key=lambda line: float(line[name])) for name in hold}
+    parts = [
+        f"{level} % intervals hold {sum(hold[name]) / len(rows):.1f} % on average, and {float(worst[name][name]):.0f} % "
+        f"in the worst cell ({worst[name]['ship']}, {worst[name]['manoeuvre'].removesuffix(' port')}, noise "
+        f"{100 * float(worst[name]['level']):g} %)"
+        for name, level in (("coverage", 90), ("coverage_half", 50))
+    ]
+    return f"Over {len(rows)} cells {' and '.join(parts)}."
+
+
 def foreign_text() -> str:
     """Report of ``make foreign``."""
     return (ROOT / "reports" / "foreign" / "foreign.md").read_text(encoding="utf-8")
