@@ -22,7 +22,7 @@ def row(name: str, column: str, value: str) -> dict[str, str]:
 
 
 def interval_rows() -> list[str]:
-    """Rows ship, manoeuvre, and by level the percentages of coefficients in the intervals of 90 and 50 %, with errors."""
+    """Rows ship, manoeuvre, and by level the percentages of coefficients in intervals of 90 and 50 %, with errors."""
     cells: dict[tuple[str, str], list[str]] = {}
     for line in table("intervals/cells"):
         held = " / ".join(
@@ -38,7 +38,7 @@ def interval_summary() -> str:
     hold = {name: [float(line[name]) for line in rows] for name in ("coverage", "coverage_half")}
     worst = {name: min(rows, key=lambda line: float(line[name])) for name in hold}
     parts = [
-        f"{level} % intervals hold {sum(hold[name]) / len(rows):.1f} % on average, and {float(worst[name][name]):.0f} % "
+        f"{level} % intervals hold {sum(hold[name]) / len(rows):.1f} % on average, and {min(hold[name]):.0f} % "
         f"in the worst cell ({worst[name]['ship']}, {worst[name]['manoeuvre'].removesuffix(' port')}, noise "
         f"{100 * float(worst[name]['level']):g} %)"
         for name, level in (("coverage", 90), ("coverage_half", 50))
