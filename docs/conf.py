@@ -11,7 +11,8 @@ import re
 
 import pymc_ship as ps
 
-logging.getLogger("pytensor").setLevel(logging.WARNING)  # a colour scheme of the theme turns its remarks on
+for library in ("pytensor", "arviz"):
+    logging.getLogger(library).setLevel(logging.WARNING)  # a colour scheme of the theme turns their remarks on
 
 project = "pymc_ship"
 release = ps.__version__

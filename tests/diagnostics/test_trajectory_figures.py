@@ -79,7 +79,7 @@ def test_the_forest_stands_in_prior_standard_deviations():
     marks = next(line for line in ax.lines if line.get_label() == "reference")
     found = trajectory_diagnostics.contraction(tree)
     yaw = found.isel(coefficient=found["dof"].values == "yaw")
-    np.testing.assert_allclose(marks.get_xdata(), reference / yaw["prior_sd"])
+    np.testing.assert_allclose(marks.get_xdata(), (reference - yaw["prior_mean"]) / yaw["prior_sd"])
     assert [text.get_text() for text in fig.axes[0].texts] == yaw["coefficient"].values.tolist()
     assert (np.diff(marks.get_ydata()) < 0.0).all()
 

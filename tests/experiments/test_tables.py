@@ -16,12 +16,16 @@ def test_what_could_not_be_computed_counts_as_wrong():
     scores = {
         "median_error": [1.0, 2.0, nan],
         "coverage": [90.0, 90.0, nan],
+        "coverage_half": [50.0, 40.0, nan],
         "tactical_diameter_error": [1.0, nan, nan],
     }
     rows = {name: np.array(values) for name, values in scores.items()}
     row = cell_row(cell, rows | {"status": np.array(["ok", "diverged", "failed"])})
     assert (row["median_error"], row["coverage"], row["tactical_diameter_error"]) == (2.0, 60.0, np.inf)
     assert (row["ok"], row["diverged"], row["failed"]) == (1, 1, 1)
+    assert row["coverage_half"] == pytest.approx(30.0)
+    without = rows | {"coverage_half": np.full(3, nan), "status": np.array(3 * ["ok"])}
+    assert np.isnan(cell_row(cell, without)["coverage_half"])
     assert np.isnan(row["tactical_diameter_error_se"])
     assert row["coverage_se"] == pytest.approx(np.std([90.0, 90.0, 0.0]) / np.sqrt(3), rel=0.15)
 

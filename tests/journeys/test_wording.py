@@ -50,7 +50,7 @@ test_trial_errors = wording(
 test_simulation_errors = wording(
     ps.SimulationError,
     (
-        r"^The manoeuvre is one value .*; give one of these\.$",
+        r"^The manoeuvre is made by .*; give one of these\.$",
         lambda: ps.simulate("kvlcc2", "zigzag", duration=9),
     ),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -28,7 +29,8 @@ from pymc_ship.replication.scores import error_summary, relative_error, summary_
 
 def normal_estimate(truth, sd, rng, reach=1.0):
     """Estimate with errors of these standard deviations and intervals ``reach`` times as wide as they should be."""
-    fit = SimpleNamespace(coefficients=truth + sd * rng.standard_normal(truth.size), sd=reach * sd)
+    problem = SimpleNamespace(prior=SimpleNamespace(law=None))
+    fit = SimpleNamespace(coefficients=truth + sd * rng.standard_normal(truth.size), sd=reach * sd, problem=problem)
     return trajectory_estimate(fit)
 
 
@@ -56,7 +58,9 @@ def test_scores_are_the_error_summary_and_the_share_of_references_inside(small):
     reference = reference_coefficients(small)
     estimate = Estimate(1.1 * reference, reference - 1.0, np.where(np.arange(10) < 4, reference, reference - 0.5))
     expected = error_summary(relative_error(1.1 * reference, reference)) | {"coverage": 40.0}
-    assert estimate.scores(small) == pytest.approx(expected)
+    assert estimate.scores(small) == pytest.approx(expected | {"coverage_half": np.nan}, nan_ok=True)
+    halves = replace(estimate, lower_half=reference - 1.0, upper_half=np.where(np.arange(10) < 3, reference, -1.0))
+    assert halves.scores(small)["coverage_half"] == pytest.approx(30.0)
 
 
 def test_a_method_that_failed_has_no_scores(small):
@@ -70,6 +74,7 @@ def test_an_exact_posterior_is_scored_as_in_the_tables_of_the_study(noisy, small
     exact = identify(noisy, small, families=("conjugate",)).exact
     expected = next(row for row in summary_rows(small, exact) if row["dof"] == "all")
     scores = exact_estimate(exact["conjugate"]).scores(small)
+    assert 0.0 <= scores.pop("coverage_half") <= scores["coverage"]
     assert scores == {key: expected[key] for key in scores}
 
 

@@ -38,6 +38,8 @@ def cell_row(cell: Cell, rows: Mapping[str, np.ndarray]) -> dict:
     for name, statistic in STATISTIC.items():
         missing = 0.0 if statistic == "mean" else np.inf
         values = np.where(np.isnan(rows[name]), missing, rows[name])
+        if name == "coverage_half" and np.isnan(rows[name]).all():  # a method without intervals of 50 %
+            values = rows[name]
         row[name], row[f"{name}_se"] = _with_error(values, statistic)
     return row
 

@@ -100,7 +100,7 @@ def test_it_lasts_as_long_as_a_forecast_of_its_kind(container):
 
 
 def test_a_prior_of_coefficients_is_drawn_with_its_mean_and_scale(container, zigzag_trial):
-    prior = ps.coefficient_prior([zigzag_trial], container, "sister_ship", relative_sd=0.05)
+    prior = ps.coefficient_prior([zigzag_trial], container, "sister_ship", relative_sd=0.05).fixed
     rows = prior.draw(4000, np.random.default_rng(2))
     score = (rows - prior.mean) / prior.scale
     assert np.abs(score.mean(axis=0)).max() < 4.5 / np.sqrt(4000)

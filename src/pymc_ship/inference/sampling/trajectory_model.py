@@ -99,6 +99,7 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
             log_factor, z = pt.dot(law.exponents, eta), (coefficients - problem.prior.mean) / problem.prior.scale
             student = pm.logp(pm.StudentT.dist(nu=FREEDOM), z * pt.exp(-log_factor)) - log_factor
             log_prior += pt.where(law.is_scaled, student, pm.logp(pm.Normal.dist(), z)).sum()
+            log_prior -= np.log(problem.prior.scale).sum()
         pm.Potential("log_prior", log_prior)
         other = problem.prior.likelihood_or_flat
         if other.design.size:
