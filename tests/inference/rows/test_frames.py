@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import subprocess
 import sys
 
@@ -11,6 +13,14 @@ import pytest
 import pymc_ship as ps
 from tests.inference.rows.frames import Table, motion
 from tests.sentences import refused
+
+POWER, _bent = 2, [2.0]
+
+
+def bent(values):
+    """A function that depends on a variable of its module."""
+    return np.abs(values) ** _bent[0]
+
 
 FORMULA = "Y ~ v + r + v:r + I(delta**2)"
 NAMES = ("Intercept", "v", "r", "v:r", "I(delta ** 2)")
@@ -83,6 +93,62 @@ def test_a_formula_calls_functions_from_where_it_is_written(formulae, frame):
 
     data = ps.RegressionData.from_formula("Y ~ 0 + bent(v)", frame)
     np.testing.assert_array_equal(data.design_matrix[:, 0], bent(frame["v"].to_numpy()))
+
+
+def test_a_formula_keeps_the_numbers_of_the_fit(formulae, frame):
+    """Numbers and arrays of the caller, changed later."""
+    fits, knots = {}, [0.0]
+    for power in (2.0, 3.0):
+        data = ps.RegressionData.from_formula("Y ~ 0 + I(v**power) + bs(r, knots=knots, degree=1)", frame)
+        fits[power] = ps.ConjugatePrior().exact(data), data.design_matrix[:5]
+    knots[0] = 0.1
+    for exact, columns in fits.values():
+        np.testing.assert_array_equal(exact.predict(frame.iloc[:5]), exact.predict(columns))
+
+
+def test_a_function_that_changes_after_the_fit_is_refused(formulae, frame):
+    data = ps.RegressionData.from_formula("Y ~ 0 + bent(v)", frame)
+    exact, _bent[0] = ps.ConjugatePrior().exact(data), 3.0
+    try:
+        with refused(ps.InferenceError, "bent(v)"):
+            exact.predict(frame.iloc[:5])
+    finally:
+        _bent[0] = 2.0
+    np.testing.assert_array_equal(exact.predict(frame.iloc[:5]), exact.predict(data.design_matrix[:5]))
+
+
+def test_a_term_of_all_rows_predicts_no_new_row(formulae, frame):
+    """A centred column would be centred on the new rows; the formula's own transformations keep theirs."""
+    exact = ps.ConjugatePrior().exact(ps.RegressionData.from_formula("Y ~ r + I(v - np.mean(v))", frame))
+    with refused(ps.InferenceError, "np.mean(v))"):
+        exact.predict(frame.iloc[:5])
+    kept = ps.ConjugatePrior().exact(ps.RegressionData.from_formula("Y ~ r + center(v) + poly(delta, 2)", frame))
+    assert np.isfinite(kept.predict(frame.iloc[:5])).all()
+
+
+@pytest.mark.parametrize("copied", [lambda data: pickle.loads(pickle.dumps(data)), copy.deepcopy, copy.copy])
+def test_data_and_posterior_of_a_formula_can_be_copied(formulae, frame, copied):
+    formula = "Y ~ scale(v) + np.abs(r) + bent(delta) + I(delta**POWER)"
+    data = ps.RegressionData.from_formula(formula, frame)
+    exact = ps.ConjugatePrior().exact(data)
+    np.testing.assert_array_equal(copied(data).design_matrix, data.design_matrix)
+    np.testing.assert_array_equal(copied(exact).predict(frame.iloc[:5]), exact.predict(frame.iloc[:5]))
+
+
+def test_a_function_that_no_file_can_have_is_refused_with_a_sentence(formulae, frame):
+    def own(values):
+        return values**2
+
+    data = ps.RegressionData.from_formula("Y ~ own(v)", frame)
+    assert copy.deepcopy(data).coefficients == data.coefficients
+    with refused(ps.InferenceError, "own", "pickle"):
+        pickle.dumps(data)
+
+
+def test_the_remedy_for_an_offset_fixes_its_coefficient(formulae, frame):
+    data = ps.hold_fixed(ps.RegressionData.from_formula("Y ~ v + r", frame), {"r": 1.0})
+    plain = ps.RegressionData.from_formula("I(Y - r) ~ v", frame)
+    np.testing.assert_allclose(data.least_squares, plain.least_squares)
 
 
 def test_a_formula_without_its_parser_is_refused_with_a_sentence(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from functools import partial
 
 import numpy as np
@@ -52,6 +53,18 @@ def formula_of_a_gap(frame):
 
 def predicted(frame, new):
     ps.ConjugatePrior().exact(ps.RegressionData.from_formula(FORMULA, frame)).predict(new(frame))
+
+
+def predicted_by_centred_rows(frame):
+    data = ps.RegressionData.from_formula("Y ~ I(v - np.mean(v))", frame)
+    ps.ConjugatePrior().exact(data).predict(frame)
+
+
+def pickled_with_a_local_function(frame):
+    def own(values):
+        return values
+
+    pickle.dumps(ps.RegressionData.from_formula("Y ~ own(v)", frame))
 
 
 def short(trial):
@@ -134,6 +147,14 @@ test_errors_of_rows = wording(
                 "^The formula 'Y ~ v [+] u' must hold for the table, found: no variable 'u'; correct one of th",
             ),
             ("Y ~ v +* r", r"must hold for the table, found: Don't know how to parse '\*'; correct"),
+            *(
+                (f"Y ~ v + r{join}offset({x})", f"A formula has only terms .*, found offset[(]{x}[)]; write the")
+                for join, x in [(" + ", "delta"), (" + ", "2"), (":", "delta")]
+            ),
+            ("Y - r ~ v", "found r in no term in 'Y - r ~ v'; change it."),
+            ("Y ~ v | r", "found r in no term in 'Y ~ v | r'; change it."),
+            ("Y**2 ~ v", "found: Exponentiation on an individual variable .* the math power; correct"),
+            ("Y ~ v**2", r"found: Exponentiation .* Use {v\*\*2} or I.* to compute the math power; correct"),
             ("Y ~ v + (1|side)", "found terms that vary by group in "),
             ("side ~ v", "found a response that is no number in 'side ~ v'; change it."),
             ("v + r", "found no response in 'v [+] r'; change it."),
@@ -162,6 +183,14 @@ test_errors_of_rows = wording(
                 "^The formula 'Y ~ v .*' must hold for the new rows, found: .*; correct one",
             ),
         ]
+    ),
+    (
+        r"^Fitted rows must keep their terms, also without the other rows, found other values of I\(v .* restore the",
+        predicted_by_centred_rows,
+    ),
+    (
+        "^A formula is written to a file with its variables and functions, found own, which pickle cannot write; ",
+        pickled_with_a_local_function,
     ),
     (
         "28 terms and needs as many rows, found 19",

@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pymc as pm
 import pytest
+import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
@@ -141,3 +142,29 @@ def test_settings_of_the_sampler_are_checked():
             nuts_posterior(DATA, prior, rng=rng, target_accept=1.0)
     with refused(ValueError, "stan"):
         nuts_posterior(DATA, PRIOR, rng=rng, sampler="stan")
+
+
+@pytest.mark.parametrize("dim", ["coefficient", "predictor"])
+@pytest.mark.parametrize("variable", ["coefficients", "scaled_coefficients"])
+def test_draws_are_taken_by_their_labels(variable, dim):
+    """The draws of every other variable over the same labels too."""
+    group = tree_by("own")["posterior"].to_dataset()
+    values, names = group[variable].values, np.array(DATA.coefficients)
+    order = np.array([3, 0, 4, 1, 2])
+    over = ("chain", "draw", dim)
+    own = xr.Dataset(
+        {variable: (over, values[..., order]), "local_scale": (over, 2.0 * values[..., order])}, {dim: names[order]}
+    )
+    found = posterior_tree(xr.DataTree.from_dict({"posterior": own}), DATA)["posterior"]
+    np.testing.assert_allclose(found["coefficients"], group["coefficients"])
+    np.testing.assert_array_equal(found["local_scale"].sel(coefficient=names[0]), 2.0 * values[..., 0])
+
+
+def test_rows_are_taken_by_their_labels():
+    """Labels of another table than the data are no rows of theirs."""
+    posterior, order = sampled()["posterior"].to_dataset(), np.arange(DATA.n_rows)[::-1]
+    values = np.broadcast_to(np.arange(DATA.n_rows, dtype=float), (4, 500, DATA.n_rows))
+    for labels, expected in ((order, values[..., ::-1]), (order + 7, values)):
+        rows = xr.Dataset({"y": (("chain", "draw", "obs_id"), values)}, {"obs_id": labels})
+        tree = posterior_tree(xr.DataTree.from_dict({"posterior": posterior, "log_likelihood": rows}), DATA)
+        np.testing.assert_array_equal(tree["log_likelihood"]["response"], expected)

@@ -1,16 +1,20 @@
+from dataclasses import replace
+
 import arviz as az
 import matplotlib
 import numpy as np
 import pytest
 from scipy import stats
 
+import pymc_ship as ps
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior, read_posterior, write_posterior
 from pymc_ship.inference.sampling.error_laws import ERRORS
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
-from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, predictive, prior_draws, with_predictive
+from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, predict, predictive, prior_draws, with_predictive
 from tests.inference.sampling.cases import hyperparameters, regression
+from tests.sentences import refused
 
 FAMILIES = (ConjugatePrior, SemiConjugatePrior)
 LIMIT = 4.8
@@ -146,3 +150,34 @@ def test_predictive_checks_of_arviz_run():
 def test_a_nearly_improper_prior_gives_finite_draws():
     drawn = prior_draws(regression("tall"), ConjugatePrior(shape=1e-3, scale=1e-3), 500, rng=np.random.default_rng(1))
     assert all(np.isfinite(value).all() for value in drawn.values())
+
+
+def test_predictions_need_the_rows_of_the_fit():
+    """Names and number of rows may be those of other data."""
+    data, prior, tree = tree_of(ConjugatePrior, draws=40)
+    for other in (replace(data, response=2.0 * data.response), replace(data, design_matrix=data.design_matrix + 1e-3)):
+        part = "response" if other.response is not data.response else "design"
+        for use in (
+            lambda other=other: with_predictive(tree, other, prior, rng=1),
+            lambda other=other: predict(tree, [], data=other, rng=1),
+        ):
+            with refused(ValueError, part):
+                use()
+    rounded = replace(data, response=data.response * (1.0 + 1e-15))
+    assert with_predictive(tree, rounded, prior, rng=1).identical(with_predictive(tree, data, prior, rng=1))
+
+
+def test_a_restored_posterior_predicts_the_whole_data():
+    data, prior = regression("tall"), ConjugatePrior()
+    free = ps.gibbs_posterior(ps.hold_fixed(data, {"x2": 0.4}), prior, draws=50, rng=1)
+    checked = with_predictive(ps.restore_fixed(free, {"x2": 0.4}, data.coefficients), data, prior, rng=2)
+    residual = checked["posterior_predictive"]["response"].mean(("chain", "draw")) - data.response
+    assert np.abs(residual).max() < 5.0 * float(free["posterior"]["noise_variance"].mean()) ** 0.5
+
+
+def test_the_order_of_dims_changes_nothing():
+    data, prior, tree = tree_of(ConjugatePrior, draws=40)
+    turned = tree.copy()
+    turned["posterior"] = tree["posterior"].to_dataset().transpose("coefficient", "draw", "chain")
+    found, expected = (with_predictive(one, data, prior, rng=1)["posterior_predictive"] for one in (turned, tree))
+    assert found.identical(expected)

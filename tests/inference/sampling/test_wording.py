@@ -47,13 +47,22 @@ def tree_that_lacks(change):
     posterior_tree(tree, DATA)
 
 
+def rows_of_the_model(n_rows):
+    return xr.Dataset({"y": (("chain", "draw", "row"), np.zeros((4, 500, n_rows)))})
+
+
+def tree_with(**groups):
+    posterior_tree(xr.DataTree.from_dict({"posterior": sampled()["posterior"].to_dataset(), **groups}), DATA)
+
+
 def predicted(change=lambda group: group, data=None):
     posterior = change(tree_of(ConjugatePrior, draws=40)[2]["posterior"].to_dataset())
     predict(xr.DataTree.from_dict({"/posterior": posterior}), np.ones((1, 5)), data=data, rng=2)
 
 
-def predictive(rows=slice(None), **settings):
+def predictive(rows=slice(None), lacks=(), **settings):
     data, prior, tree = tree_of(ConjugatePrior)
+    tree = tree.filter(lambda group: group.name not in lacks)
     with_predictive(tree, data.rows(np.arange(60)[rows]), prior, rng=np.random.default_rng(1), **settings)
 
 
@@ -104,7 +113,7 @@ test_value_errors = wording(
         for change, sentence in [
             (lambda group: group.drop_vars("scaled_coefficients"), "must have 'coefficients' with dims chain, draw"),
             (lambda group: group.isel(coefficient=slice(1, None)), "must have 'coefficients' with dims chain, draw"),
-            (lambda group: group.isel(coefficient=slice(None, None, -1)), "must have the coefficients of the data"),
+            (lambda group: group.assign_coords(coefficient=list("abcde")), "must have the coefficients of the data"),
         ]
     ),
     ("need a generator", lambda: posterior_tree(sampled(), DATA, plain_model())),
@@ -113,7 +122,22 @@ test_value_errors = wording(
         lambda: sampled_by_nuts(sampler="stan"),
     ),
     ("positive, found 0", lambda: predictive(draws=0)),
-    ("5 terms and 60 rows, found 5 and 30", lambda: predictive(slice(30))),
+    *(
+        (f"^The data must be those of the posterior, found {fault} in its tree; give the", partial(predictive, **given))
+        for fault, given in [
+            ("another response and design matrix", {"rows": slice(30)}),
+            ("another response and design matrix", {"rows": slice(None, None, -1)}),
+            ("no observed_data", {"lacks": ("observed_data", "constant_data")}),
+        ]
+    ),
+    (
+        r"^The group log_likelihood has one value for each chain, draw and row, found shape \(4, 500, 3\) for 60 rows",
+        lambda: tree_with(log_likelihood=rows_of_the_model(3)),
+    ),
+    (
+        "^The observed variable y must be the response of the data, found 60 other values; give the data",
+        lambda: tree_with(observed_data=xr.Dataset({"y": ("row", DATA.response[::-1])})),
+    ),
     (
         "found 'cauchy'",
         lambda: prior_draws(*tree_of(ConjugatePrior)[:2], 10, rng=np.random.default_rng(1), errors="cauchy"),

@@ -5,9 +5,16 @@ pandas is not imported: a table is any object with ``columns`` and ``to_numpy``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+import logging
+import pickle
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from textwrap import shorten
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,6 +24,11 @@ from pymc_ship.machine.errors import InferenceError
 
 _FRAMES = 2
 """Stack frames from the user's call to that of formulae, which looks up functions of a formula in the user's scope."""
+
+_SAMPLE_ROWS = 8  # fitted rows, at most, whose terms are computed again before a prediction
+
+_NAMES = re.compile(r"(?<![\w.])[^\W\d]\w*(?![\w.(]|\s*=)")
+"""Names in a formula that are no functions, modules or keywords."""
 
 
 def is_frame(table: object) -> bool:
@@ -93,55 +105,162 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
 class Formula:
     """Formula of a regression, with the names of its terms and variables.
 
-    ``terms`` (formulae.matrices.CommonEffectsMatrix) keep the state of transformations such as ``scale(v)``.
+    ``terms`` (formulae.matrices.CommonEffectsMatrix) keep the state of transformations such as ``scale(v)``, ``scope``
+    the user's variables and functions. ``sample`` is a table of some fitted rows, with their terms.
     """
 
     text: str
     names: tuple[str, ...]
     variables: tuple[str, ...]
     terms: Any
+    scope: _Scope
+    sample: tuple[Any, np.ndarray]
 
     def columns(self, frame: Any, coefficients: Sequence[str]) -> np.ndarray:
         """Terms of the given names for a table of the variables, shape (n_new, n_names)."""
         check_names(frame, self.variables, "New rows")
+        rows, fitted = self.sample
+        different = np.abs(self._evaluate(rows) - fitted).max(axis=0) > 1e-9 * np.abs(fitted).max(axis=0)
+        if different.any():
+            raise InferenceError(
+                f"Fitted rows must keep their terms, also without the other rows, found other values of "
+                f"{_name_list(np.array(self.names)[different])} in {short_repr(self.text)}; restore the variables of "
+                "its functions, or use functions of one row and center(), scale() or poly()."
+            )
+        return self._evaluate(frame)[:, [self.names.index(name) for name in coefficients]]
+
+    def _evaluate(self, frame: Any) -> np.ndarray:
         try:
-            design = np.asarray(self.terms.evaluate_new_data(frame).design_matrix, dtype=float)
+            return np.asarray(self.terms.evaluate_new_data(frame).design_matrix, dtype=float)
         except Exception as error:  # a formula may call anything
             raise InferenceError(_sentence(self.text, "the new rows", error)) from None
-        return design[:, [self.names.index(name) for name in coefficients]]
+
+    def __deepcopy__(self, memo: dict) -> Formula:
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        local = [name for name, value in self.scope.items() if not _is_picklable(value)]
+        if local:
+            raise InferenceError(
+                f"A formula is written to a file with its variables and functions, found {_name_list(local)}, which "
+                "pickle cannot write; define functions by def in a module."
+            )
+        return self.__dict__
+
+
+class _Scope(dict):
+    """Variables and functions that a formula takes from where it is written, by name, as they are at the fit.
+
+    ``outer`` (formulae.environment.Environment) is where missing names are looked up.
+    """
+
+    outer: Any = None
+
+    def __missing__(self, name: str) -> Any:
+        if self.outer is None:
+            raise KeyError(name)
+        value = self.outer.namespace[name]
+        with suppress(Exception):  # a module, for example, cannot be copied
+            value = copy.deepcopy(value)
+        self[name] = value
+        return value
+
+    def __reduce__(self) -> tuple:
+        return _restored_scope, ({k: _Module(v.__name__) if _is_module(v) else v for k, v in self.items()},)
+
+
+class _Module(str):
+    """Name of a module of a scope in a file."""
+
+
+def _restored_scope(names: dict[str, Any]) -> _Scope:
+    return _Scope({k: import_module(v) if isinstance(v, _Module) else v for k, v in names.items()})
+
+
+def _is_module(value: Any) -> bool:
+    return isinstance(value, ModuleType)
+
+
+def _is_picklable(value: Any) -> bool:
+    with suppress(Exception):
+        return _is_module(value) or bool(pickle.dumps(value))
+    return False
+
+
+class _Remarks(logging.Handler):
+    """Messages of formulae, which logs what it leaves out of a formula."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.texts: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a message."""
+        self.texts.append(" ".join(record.getMessage().split()))
 
 
 def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Formula]:
     """Design matrix, response and formula of a table; InferenceError for a formula that cannot be used."""
     try:
         from formulae import design_matrices
+        from formulae.environment import Environment
     except ImportError:
         raise InferenceError("Formulas need the package formulae, found none; install pymc-ship[formula].") from None
     if not is_frame(frame):
         raise InferenceError(f"A formula needs a table, found {short_repr(type(frame))}; give a DataFrame.")
+    scope, log, remarks = _Scope(), logging.getLogger("formulae"), _Remarks()
+    scope.outer = Environment.capture(_FRAMES)
+    log.addHandler(remarks)
     try:
-        matrices = design_matrices(formula, frame, na_action="error", env=_FRAMES)
+        matrices = design_matrices(formula, frame, na_action="error", env=Environment([scope]))
     except Exception as error:  # a formula may call anything
         raise InferenceError(_sentence(formula, "the table", error)) from None
-    checks = {
-        "no response": matrices.response is None,
-        "a response that is no number": matrices.response is not None and matrices.response.kind != "numeric",
+    finally:
+        scope.outer = None
+        log.removeHandler(remarks)
+    if remarks.texts:
+        raise InferenceError(_sentence(formula, "the table", " ".join(remarks.texts)))
+    _check_terms(formula, frame, matrices)
+    terms, named = matrices.common, matrices.common.as_dataframe()
+    terms.data = terms.env = None
+    variables = tuple(name for name in frame_names(frame) if name in _variables(terms.terms.values()))
+    columns = np.asarray(named, dtype=float)
+    few = np.unique(np.linspace(0, len(columns) - 1, min(_SAMPLE_ROWS, (len(columns) + 1) // 2)).round().astype(int))
+    sample = frame[list(variables)].iloc[few].copy(), columns[few]
+    parsed = Formula(formula, frame_names(named), variables, terms, scope, sample)
+    return columns, np.asarray(matrices.response.design_matrix, dtype=float), parsed
+
+
+def _variables(terms: Iterable[Any]) -> set[str]:
+    return set().union(*(term.var_names for term in terms))
+
+
+def _check_terms(formula: str, frame: Any, matrices: Any) -> None:
+    """Raise InferenceError for a formula without response or terms, or with parts that no regression here has."""
+    response, terms = matrices.response, [] if matrices.common is None else list(matrices.common.terms.values())
+    offsets = [part.name for term in terms for part in getattr(term, "components", ()) if part.kind == "offset"]
+    if offsets:
+        raise InferenceError(
+            f"A formula has only terms whose coefficients are estimated, found {_name_list(offsets)}; write the "
+            "variable without offset() and fix its coefficient at 1 by hold_fixed."
+        )
+    used = _variables([*terms, *([] if response is None else [response.term.term])])
+    idle = [name for name in frame_names(frame) if name in _NAMES.findall(formula) and name not in used]
+    faults = {
+        "no response": response is None,
+        "a response that is no number": response is not None and response.kind != "numeric",
         "terms that vary by group": matrices.group is not None,
-        "no term": matrices.common is None,
+        "no term": not terms,
+        f"{_name_list(idle)} in no term": matrices.group is None and bool(idle),
     }
-    faults = " and ".join(fault for fault, present in checks.items() if present)
-    if faults:
+    found = " and ".join(fault for fault, present in faults.items() if present)
+    if found:
         raise InferenceError(
             "A formula has a response and terms that are the same for all rows, such as 'Y ~ v + r', found "
-            f"{faults} in {short_repr(formula)}; change it."
+            f"{found} in {short_repr(formula)}; change it."
         )
-    named = matrices.common.as_dataframe()
-    used = set().union(*(term.var_names for term in matrices.common.terms.values()))
-    variables = tuple(name for name in frame_names(frame) if name in used)
-    text = Formula(formula, frame_names(named), variables, matrices.common)
-    return np.asarray(named, dtype=float), np.asarray(matrices.response.design_matrix, dtype=float), text
 
 
-def _sentence(formula: str, what: str, error: Exception) -> str:
+def _sentence(formula: str, what: str, error: Exception | str) -> str:
     reason = f"no variable {error}" if isinstance(error, KeyError) else f"{error}".rstrip(".")
     return f"The formula {short_repr(formula)} must hold for {what}, found: {reason}; correct one of them."

@@ -37,8 +37,9 @@ def posterior_tree(
     ----------
     sampled : DataTree
         As ``pm.sample`` returns it. Its posterior has ``coefficients`` on the original scale or
-        ``scaled_coefficients``, with dims chain, draw and one more in the order of the data; and ``noise_variance`` or
-        ``scaled_noise_variance``, if the model has one. Other variables and the groups of ArviZ are copied.
+        ``scaled_coefficients``, with dims chain, draw and one more, with the names of the data or in their order; and
+        ``noise_variance`` or ``scaled_noise_variance``, if the model has one. Other variables and the groups of ArviZ
+        are copied.
     data : RegressionData
         Data of the fit.
     model : pymc.Model, optional
@@ -57,8 +58,8 @@ def posterior_tree(
     Raises
     ------
     ValueError
-        For a tree without the coefficients of the data, a model with several observed variables, or a model without
-        ``rng``.
+        For a tree without the coefficients, rows or response of the data, a model with several observed variables, or
+        a model without ``rng``.
 
     Examples
     --------
@@ -82,6 +83,7 @@ def posterior_tree(
         check_prior(prior)
     groups = {name: node.to_dataset() for name, node in sampled.children.items() if name in _COPIED_GROUPS}
     groups["posterior"] = _posterior(groups.get("posterior", xr.Dataset()), data)
+    _check_response(sampled, data)
     state = "" if rng is None else rng_state(rng)
     if model is not None:
         if rng is None:
@@ -102,19 +104,37 @@ def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
             f"The posterior must have 'coefficients' with dims chain, draw and {data.n_terms} terms, found "
             f"{', '.join(map(str, group.data_vars)) or 'no variable'}; add pm.Deterministic('coefficients', ...)."
         )
-    draws, names = group[variable].transpose(*_SAMPLE, ...), list(data.coefficients)
-    dim = draws.dims[-1]
-    labels = [str(name) for name in draws[dim].values]
-    if dim == "coefficient" and labels not in (names, [str(k) for k in range(data.n_terms)]):
-        raise ValueError(
-            f"The posterior must have the coefficients of the data, {', '.join(names)}, in order, found "
-            f"{', '.join(labels)}; give the data that the model was fitted to."
-        )
-    values = draws.to_numpy() if variable == "coefficients" else data.to_original(draws.to_numpy())
+    names, dim = list(data.coefficients), group[variable].transpose(*_SAMPLE, ...).dims[-1]
+    labels = [str(name) for name in group[dim].values]
+    if labels != [str(k) for k in range(data.n_terms)]:
+        if sorted(labels) != sorted(names):
+            raise ValueError(
+                f"The posterior must have the coefficients of the data, {', '.join(names)}, found {', '.join(labels)}; "
+                "give the data that the model was fitted to, or its names to the model."
+            )
+        group = group.isel({dim: [labels.index(name) for name in names]})
+    draws = group[variable].transpose(*_SAMPLE, dim).to_numpy()
+    values = draws if variable == "coefficients" else data.to_original(draws)
     renamed = group.rename({} if dim == "coefficient" else {dim: "coefficient"}).assign_coords(coefficient=names)
     if "noise_variance" not in renamed and "scaled_noise_variance" in renamed:
         renamed = renamed.assign(noise_variance=data.response_scale**2 * renamed["scaled_noise_variance"])
     return renamed.assign(coefficients=((*_SAMPLE, "coefficient"), values))
+
+
+def _check_response(sampled: xr.DataTree, data: RegressionData) -> None:
+    """Raise ValueError unless the one observed variable is the response, on a scale of any unit and centre."""
+    observed = sampled["observed_data"].dataset if "observed_data" in sampled.children else xr.Dataset()
+    for name, values in observed.items() if len(observed.data_vars) == 1 else ():
+        y = values.to_numpy().ravel().astype(float)
+        if y.size == data.n_rows:
+            line = np.column_stack([np.ones(y.size), data.response])
+            residual = y - line @ np.linalg.lstsq(line, y)[0]
+            if np.abs(residual).max() <= 1e-6 * np.abs(y).max():
+                continue
+        raise ValueError(
+            f"The observed variable {name} must be the response of the data, found {y.size} other values; give the "
+            "data that the model was fitted to."
+        )
 
 
 def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> dict[str, xr.Dataset]:
@@ -146,9 +166,17 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
 
 
 def _named_rows(group: xr.Dataset, name: str, data: RegressionData) -> xr.Dataset:
-    """Group of values by row with its one variable renamed ``response``."""
+    """Group of values by row, in the order of the data, with its one variable renamed ``response``."""
     if name not in _BY_ROW or len(group.data_vars) != 1:
         return group
     values = next(iter(group.data_vars.values())).transpose(*_SAMPLE, ...)
-    coords = {dim: group[dim].values for dim in _SAMPLE} | {"row": np.arange(data.n_rows)}
+    if values.ndim != 3 or values.shape[-1] != data.n_rows:
+        raise ValueError(
+            f"The group {name} has one value for each chain, draw and row, found shape {values.shape} for "
+            f"{data.n_rows} rows; give the data that the model was fitted to."
+        )
+    rows, dim = np.arange(data.n_rows), values.dims[-1]
+    if np.array_equal(np.sort(values[dim].values), rows):  # else the labels are those of the user's table
+        values = values.sortby(dim)
+    coords = {dim: group[dim].values for dim in _SAMPLE} | {"row": rows}
     return xr.Dataset({"response": ((*_SAMPLE, "row"), values.to_numpy())}, coords)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.inference.regression.prior_table import hold_fixed
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import new_design
@@ -36,7 +38,7 @@ def predictive(
     data: RegressionData, parameters: xr.Dataset, *, rng: np.random.Generator, errors: str = "normal"
 ) -> xr.Dataset:
     """``response`` (chain, draw, row) of the rows of the data, one for each draw of a group prior or posterior."""
-    law = error_law(errors)
+    law, parameters = error_law(errors), parameters.transpose("chain", "draw", ...)
     sd = np.sqrt(parameters["noise_variance"].to_numpy())
     parameter = parameters[law.parameter].to_numpy() if law.parameter else np.zeros_like(sd)
     response = law.draw_errors(rng, sd, parameter, data.n_rows)
@@ -96,11 +98,8 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
             f"found {', '.join(map(str, posterior.data_vars))}; give the posterior of a regression."
         )
     names = [str(name) for name in posterior["coefficient"].values]
-    if data is not None and list(data.coefficients) != names:
-        raise ValueError(
-            f"The data must be those of the posterior, of {', '.join(names)}, found {', '.join(data.coefficients)}; "
-            "give the data that it was fitted to."
-        )
+    if data is not None:
+        _check_fitted(tree, data)
     design_matrix = new_design(new_rows, names, None if data is None else data.formula)
     rows = RegressionData.from_arrays(design_matrix, np.zeros(len(design_matrix)), names)
     predicted = predictive(rows, posterior, rng=rng, errors=errors_of(tree))
@@ -153,12 +152,8 @@ def with_predictive(
     check_prior(prior)
     if draws < 1:
         raise ValueError(f"The predictive draws must be positive, found {draws}; raise them to 1 or more.")
-    posterior, fitted = tree["posterior"].to_dataset(), tree["observed_data"].dataset
-    if list(posterior["coefficient"].values) != list(data.coefficients) or fitted.sizes["row"] != data.n_rows:
-        raise ValueError(
-            f"Predictions need the data of the posterior, {posterior.sizes['coefficient']} terms and "
-            f"{fitted.sizes['row']} rows, found {data.n_terms} and {data.n_rows}; give the data it was fitted to."
-        )
+    _check_fitted(tree, data)
+    posterior = tree["posterior"].to_dataset()
     errors = errors_of(tree)
     from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)
     groups = {
@@ -168,3 +163,33 @@ def with_predictive(
     }
     own = {name: group.to_dataset() for name, group in tree.children.items()}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=tree.attrs), **own, **groups})
+
+
+def _check_fitted(tree: xr.DataTree, data: RegressionData) -> None:
+    """Raise ValueError unless a posterior was fitted to the data: names, response and design matrix."""
+    names = [str(name) for name in tree["posterior"]["coefficient"].values]
+    if list(data.coefficients) != names:
+        raise ValueError(
+            f"The data must be those of the posterior, of {', '.join(names)}, found {', '.join(data.coefficients)}; "
+            "give the data that it was fitted to."
+        )
+    fixed = json.loads(tree.attrs.get("fixed", "{}"))
+    free = hold_fixed(data, fixed) if fixed else data
+    stored = {
+        name: tree[group][name].to_numpy()
+        for group, name in (("observed_data", "response"), ("constant_data", "design_matrix"))
+        if group in tree.children and name in tree[group]
+    }
+    others = [name for name, values in stored.items() if not _is_equal(getattr(free, name), values)]
+    if others or not stored:
+        fault = f"another {' and '.join(others)}".replace("_", " ") if stored else "no observed_data"
+        raise ValueError(
+            f"The data must be those of the posterior, found {fault} in its tree; give the data that it was fitted to."
+        )
+
+
+def _is_equal(values: np.ndarray, others: np.ndarray) -> bool:
+    """Whether two arrays agree to rounding, relative to the largest value."""
+    if values.shape != others.shape:
+        return False
+    return bool(np.abs(values - others).max(initial=0.0) <= 1e-9 * np.abs(values).max(initial=0.0))
