@@ -11,10 +11,11 @@ import _thread
 import os
 import sys
 import threading
+import warnings
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pymc_ship.cli.parser import parser
 from pymc_ship.cli.sentences import sentence
@@ -73,7 +74,7 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
         _replace_unencodable()
         args = words.parse_args(expand_patterns(sys.argv[1:] if argv is None else argv))
         _check_address_space()
-        with _repeat_interrupts(), _progress(args.quiet) as progress:
+        with _repeat_interrupts(), _plain_warnings(), _progress(args.quiet) as progress:
             text, path, *failures = command(args, progress)
         if text:
             print(text, flush=True)
@@ -155,6 +156,22 @@ def _repeat_interrupts() -> Iterator[None]:
         sys.unraisablehook = other_hook
         for timer in pending:
             timer.cancel()
+
+
+@contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Print warnings for users as one line, without the line of the program."""
+    with warnings.catch_warnings():
+        shown = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+            if category is UserWarning:
+                print(sentence(str(message)), file=sys.stderr)
+            else:
+                shown(message, category, *place)
+
+        warnings.showwarning = show
+        yield
 
 
 @contextmanager

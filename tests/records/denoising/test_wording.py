@@ -37,6 +37,7 @@ test_value_errors = wording(
         for arguments, sentence in [
             ({"wavelet": "sym99"}, "orthogonal wavelet, found 'sym99'"),
             ({"wavelet": "bior4.4"}, "orthogonal wavelet, found 'bior4.4'"),
+            ({"wavelet": "dmey"}, "orthogonal wavelet, found 'dmey'"),
             ({"wavelet": "morl"}, "orthogonal wavelet, found 'morl'"),
             ({"prior": "gauss"}, "prior is one of laplace, cauchy; found 'gauss'"),
             ({"rule": "sure"}, "rule is one of median, mean, hard, soft; found 'sure'"),
@@ -112,4 +113,16 @@ test_value_errors = wording(
         ]
     ),
     ("at least 16 samples", lambda: ps.denoise_signal(np.zeros(15), method="rts")),
+)
+
+test_warnings = wording(
+    UserWarning,
+    *(
+        (
+            f"^The noise of the signal may be estimated too small, found {share}% of its samples equal to the one "
+            "before; export more digits, or each reading of the sensor once.$",
+            partial(denoise_signal, np.repeat(np.random.default_rng(5).normal(size=400), times)),
+        )
+        for share, times in [(50, 2), (90, 10)]
+    ),
 )

@@ -121,7 +121,8 @@ def denoise_signal(
     """Denoise a uniformly sampled signal, by empirical-Bayes thresholding of its wavelet coefficients or a smoother.
 
     Every level of detail has its own weight and scale; the noise sd is 1.4826 times the median absolute deviation,
-    about the median, of the finest level. A signal without noise is returned unchanged.
+    about the median, of the finest level where the signal moves, and at least step / 12^(1/2) for rounded values. A
+    signal without noise is returned unchanged. A UserWarning where repeated values hide the noise.
 
     Parameters
     ----------

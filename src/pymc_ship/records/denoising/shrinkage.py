@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,8 @@ import pywt
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.records.denoising import wavelets
 from pymc_ship.records.denoising.ebayes import PRIORS, fit_prior, mad, posterior_draw, shrink
+
+REPEATS = 0.25  # fraction of samples equal to the one before, from which repeated values hide the noise
 
 
 @dataclass(frozen=True)
@@ -86,8 +89,7 @@ def shrinkage(
     padded = np.pad(signal - trend, (before, after), "symmetric")
     _, details = wavelets.transform(padded, filters, levels, translation_invariant)
     inside = [detail[wavelets.inside(detail.size, padded.size, before, after)] for detail in details]
-    sdev = mad(inside[-1] - np.median(inside[-1]))
-    sdev = sdev if sdev > wavelets.ACCURACY * np.abs(signal).max() else 0.0
+    sdev = _noise_sdev(signal, inside[-1], what)
     fitted = tuple(fit_prior(detail / sdev, prior, scale)[:2] for detail in inside) if sdev else ()
     return Shrinkage(
         signal=signal,
@@ -101,3 +103,22 @@ def shrinkage(
         fitted=fitted,
         sdev=sdev,
     )
+
+
+def _noise_sdev(signal: np.ndarray, detail: np.ndarray, what: str) -> float:
+    """Noise standard deviation from the finest detail where the signal moves, at least that of its rounding.
+
+    0 within the accuracy of the filters; a UserWarning where repeated values hide the noise.
+    """
+    mask, rounding = wavelets.moving(signal), wavelets.rounding_sdev(signal)
+    finest = detail[mask[np.arange(detail.size) * signal.size // detail.size]]
+    repeats = float(np.mean(np.diff(signal[mask]) == 0.0)) if np.ptp(signal) else 0.0
+    if repeats > REPEATS and not rounding:
+        warnings.warn(
+            f"The noise of the {what} may be estimated too small, found {repeats:.0%} of its samples equal to the one "
+            "before; export more digits, or each reading of the sensor once.",
+            UserWarning,
+            stacklevel=5,
+        )
+    sdev = max(mad(finest - np.median(finest)), rounding)
+    return sdev if sdev > wavelets.ACCURACY * np.abs(signal).max() else 0.0

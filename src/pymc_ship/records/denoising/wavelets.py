@@ -14,6 +14,9 @@ BOUNDARIES = ("reflect", "periodic")
 repetition of the signal."""
 
 ACCURACY = 1e-11  # relative, of the filters of PyWavelets
+REST = 16  # equal samples, from which a sensor is at rest
+FEWEST_STEPS = 10  # values of a rounded signal; fewer are the steps of an order
+ORTHOGONAL = 1e-9  # largest inner product of a low-pass filter and its shifts by two; less 1 without a shift
 
 
 def transform(
@@ -49,10 +52,29 @@ def inverse(
 def end_trend(signal: np.ndarray) -> np.ndarray:
     """Parabola with the slopes of the signal at its two ends."""
     n_time = signal.size
-    sdev = mad(np.diff(signal, 2)) / math.sqrt(6.0)
+    sdev = mad(np.diff(signal, 2)[moving(signal)[1:-1]]) / math.sqrt(6.0)
     first, last = _end_slope(signal, sdev), -_end_slope(signal[::-1], sdev)
     time = np.arange(n_time) + 0.5
     return first * time + (last - first) * time**2 / (2.0 * n_time)
+
+
+def moving(signal: np.ndarray) -> np.ndarray:
+    """Mask of the samples outside runs of :data:`REST` equal values; all, if less than a tenth of the signal moves."""
+    edges = np.flatnonzero(np.diff(signal, prepend=np.nan, append=np.nan))
+    lengths = np.diff(edges)
+    mask = np.repeat(lengths < REST, lengths)
+    return mask if mask.mean() > 0.1 else np.ones(signal.size, dtype=bool)
+
+
+def rounding_sdev(signal: np.ndarray) -> float:
+    """Standard deviation of the error of rounding, step / 12^(1/2); 0 for values that are no multiples of a step."""
+    values = np.unique(signal)
+    steps = np.diff(values)
+    steps = steps[steps > 1e-9 * np.abs(signal).max()]
+    if steps.size < FEWEST_STEPS:
+        return 0.0
+    multiples = (values - values[0]) / steps.min()
+    return float(steps.min()) / math.sqrt(12.0) if np.abs(multiples - multiples.round()).max() < 0.01 else 0.0
 
 
 def _end_slope(signal: np.ndarray, sdev: float) -> float:
@@ -92,10 +114,17 @@ def inside(n_detail: int, n_padded: int, before: int, after: int) -> slice:
 
 
 def orthogonal_wavelet(name: str) -> pywt.Wavelet:
-    """Orthogonal wavelet of PyWavelets; ValueError for another name."""
-    if name not in pywt.wavelist(kind="discrete") or not pywt.Wavelet(name).orthogonal:
+    """Wavelet of PyWavelets whose filters are orthogonal to their shifts by two; ValueError for another name."""
+    filters, deviation = None, math.inf
+    if name in pywt.wavelist(kind="discrete"):
+        filters = pywt.Wavelet(name)
+        low_pass = np.array(filters.dec_lo)
+        products = np.correlate(low_pass, low_pass, "full")[low_pass.size - 1 :: 2]  # of the filter and its shifts
+        products[0] -= 1.0
+        deviation = max(np.abs(products).max(), np.abs(low_pass - filters.rec_lo[::-1]).max())
+    if filters is None or deviation > ORTHOGONAL:
         raise ValueError(f"Denoising needs an orthogonal wavelet, found {name!r}; take one such as haar, db4 or sym8.")
-    return pywt.Wavelet(name)
+    return filters
 
 
 def whole_levels(n_time: int, levels: int | None, what: str) -> int:
