@@ -355,13 +355,13 @@ def _text(
 ) -> str:
     """Bands of the indices, measured and reference values, and the probability of each IMO criterion."""
     from pymc_ship.records.steering.measured import measured_indices
-    from pymc_ship.ships.forecasting.page import refused_sentence
+    from pymc_ship.ships.forecasting.page import refused_sentence, verdict_rows
 
     columns: dict[str, Mapping[Any, Any]] = (
         {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
     )
     columns |= {} if reference is None else {"reference": reference}
-    verdicts = ps.imo_probabilities(tree, vessel)
+    verdicts = verdict_rows(label, tree, vessel, measured[label][1] if label in measured else None)
     parts = [
         forecast_text(tree, columns),
         tree.attrs["steering"],

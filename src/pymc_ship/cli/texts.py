@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.ships.design.outlook import sentence_without_gain
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import NO_ROLL, draws_and_shares, has_roll
@@ -148,7 +149,8 @@ def design_text(result: xr.Dataset) -> str:
     caption = "Half width of the 95 % intervals"
     widths = zip(result["target"].values, *result["half_width"].values, result["units"].values, strict=True)
     chosen = table(("index", "now", *(f"after {label}" for label in result["chosen"].values), "unit"), widths, caption)
-    return f"{table(header, rows, 'Interval widths after each run over those of today')}\n\n{chosen}"
+    ratios = table(header, rows, "Interval widths after each run over those of today")
+    return "\n\n".join(filter(None, [ratios, chosen, sentence_without_gain(result)]))
 
 
 def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str], most: int = 60) -> str:

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.cli.texts import design_text
 from pymc_ship.physics.manoeuvre.standard import STANDARD
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.ships.design.next_run import CANDIDATES, _Run, design, remaining_variance
-from pymc_ship.ships.design.outlook import manoeuvring_summary
+from pymc_ship.ships.design.outlook import manoeuvring_summary, sentence_without_gain
 from pymc_ship.ships.ensemble.index_error import model_error
 from pymc_ship.ships.ensemble.index_table import index_table
 from pymc_ship.ships.ensemble.motion_error import motion_error
@@ -314,7 +315,18 @@ def test_an_identified_ship_has_a_summary():
     turns, advice = manoeuvring_summary(model().ship, np.random.default_rng(1)).sentences
     assert re.fullmatch(r"Tactical diameter of the turning circle of 35 deg: .* to port, .* to starboard\.", turns)
     widest = float(re.search(r"to (\S+) of their width", advice).group(1))
-    assert 0.0 < widest < 1.0
+    assert 0.0 < widest < 0.95
+
+
+def test_a_run_that_gains_less_than_a_twentieth_is_not_recommended(plan):
+    ratio = plan["width_ratio"]
+    little = plan.assign(width_ratio=ratio - ratio.sel(step=1).min("candidate") + 0.96)
+    text = sentence_without_gain(little)
+    assert text.startswith(f"No further run is recommended: none of the {plan.sizes['candidate']} candidates")
+    assert text.endswith(f"by 5 % or more; the best, {plan['chosen'].values[0]}, leaves 0.96 of their width.")
+    assert sentence_without_gain(plan) == ""
+    assert text in design_text(little)
+    assert "recommended" not in design_text(plan)
 
 
 def test_the_same_seed_gives_the_same_sentences(ship):

@@ -99,14 +99,15 @@ def test_the_verdict_of_every_manoeuvre_heads_the_page(page):
         values = dict(zip(head, line, strict=True))
         assert values["criterion"] == row["criterion"]
         assert values["limit"] == f"{row['limit']:.{decimals}f} {row['units']}"
-        assert values["median"] == f"{row['median']:.{decimals}f} {row['units']}"
-        assert values["interval"] == f"{row['lower']:.{decimals}f} to {row['upper']:.{decimals}f}"
+        median, lower, upper = (f"{row[key]:.{decimals}f}" for key in ("median", "lower", "upper"))
+        assert values["forecast (interval)"] == f"{median} ({lower} to {upper})"
         shown = values["probability of passing"]
         if shown.startswith(("less than 0.01", "more than 0.99")):
             assert (row["probability"] < 0.005, row["probability"] > 0.995) == (shown[0] == "l", shown[0] == "m")
         else:
-            assert float(shown.split()[0]) == pytest.approx(row["probability"], abs=0.0051)
+            assert float(shown) == pytest.approx(row["probability"], abs=0.0051)
         assert values["verdict"] == row["conformity"]
+        assert values["extrapolated"] == "–"
         assert (row["verdict"][0].upper() + row["verdict"][1:]) in unescape(text)
 
 
@@ -214,8 +215,46 @@ def test_what_was_not_measured_has_a_dash():
     assert first["covered"] == "yes"
     assert re.fullmatch(r"[+−]\d+\.\d %", by_index["first overshoot time"]["error of the median"])
     verdict = verdict_table(verdict_rows(name, forecasts()[name], vessel(), measured()[name]))
-    assert [line[-1] for line in verdict.cells][2] == "–"
-    assert verdict.cells[0][-1].endswith(" deg")
+    shown = [line[verdict.heads.index("measured")] for line in verdict.cells]
+    assert shown[2] == "–"
+    assert shown[0].endswith(" deg")
+
+
+def test_a_measured_value_outside_its_interval_is_named_before_and_within_the_verdict(tmp_path):
+    """The forecast is so much off that advance and tactical diameter lie outside; the probability stays as it was."""
+    name = "turning circle 35 port"
+    trees = {key: tree.copy(deep=True) for key, tree in forecasts().items()}
+    for index in ("advance", "tactical_diameter"):
+        trees[name]["index_bands"][index].values[:] -= 0.5 * L
+    runs = {name: measured()[name]}
+    text = unescape(without_figures(write_forecast_page(vessel(), trees, tmp_path, measured=runs)))
+    first = text[text.index('id="evidence"') : text.index('id="verdict"')]
+    value = index_rows(trees[name], vessel(), runs[name])[0]["measured"]
+    assert re.search(
+        rf"Turning circle 35 port: 2 of \d+ measured indices .* 95 %: advance {value:.2f} L against", first
+    )
+    assert "The intervals and probabilities of this manoeuvre are too certain." in first
+    assert "Without a measurement: zigzag 10/10 port (extrapolation not assessed)." in first
+    rows = {row[1]: row for row in cells(text[text.index('id="verdict"') : text.index("<nav")])}
+    assert rows["advance"][4] == f"{value:.2f} L, outside"
+    assert rows["advance"][6] == "fails, interval missed"
+    section = text[text.index('<section id="forecast_turning') :]
+    assert f"Measured {value:.2f} L, outside the interval: the probability is too certain." in section
+    for index in trees[name]["index_bands"].data_vars:
+        trees[name]["index_bands"][index].values[[0, -1]] = -1e4, 1e4
+    covered = unescape(without_figures(write_forecast_page(vessel(), trees, tmp_path, measured=runs)))
+    assert "Turning circle 35 port: all 10 measured indices lie inside the intervals of 95 %." in covered
+    assert "outside the interval" not in covered
+
+
+def test_draws_and_prior_stand_before_the_first_section(tmp_path):
+    ship = ship_of((vessel(), scattered(vessel(), 6)), index_error={}, prior="order_damped")
+    text = without_figures(write_forecast_page(ship, forecasts(), tmp_path))
+    head = text[: text.index("<section")]
+    assert "24 draws of 1 term set" in head
+    assert "prior: wide about 0" in head
+    alone = without_figures(write_forecast_page(vessel(), forecasts(), tmp_path))
+    assert "24 draws of 1 term set, without model error" in alone[: alone.index("<section")]
 
 
 def test_a_ship_without_roll_has_no_roll_angle():

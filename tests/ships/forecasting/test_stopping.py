@@ -1,15 +1,24 @@
 """The stopping test: indices of draws, sentence and table."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import pymc_ship as ps
+from pymc_ship.cli.parser import parser
 from pymc_ship.inference.trajectory.prior import wide_prior
 from pymc_ship.physics.motion.captive import captive_test_forces
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.steering.stopping_tests import INDICES
-from pymc_ship.ships.forecasting.stopping import stopping, stopping_rows, stopping_sentence, stopping_tracks
+from pymc_ship.ships.forecasting.stopping import (
+    stopping,
+    stopping_advice,
+    stopping_rows,
+    stopping_sentence,
+    stopping_tracks,
+)
 from tests.ships.ensemble.cases import ship_of
 
 ANY_SPEED = "modular at any speed"
@@ -104,13 +113,38 @@ def test_the_sentence_agrees_with_the_table(drawn):
 
 
 def test_a_draw_that_does_not_stop_does_not_conform(tanker):
-    at = np.tile(reference_coefficients(tanker), (2, 1))
-    at[1, coefficient_names(tanker).index("T_nn")] = -0.5
+    at = np.tile(reference_coefficients(tanker), (40, 1))
+    at[1::2, coefficient_names(tanker).index("T_nn")] = -0.5
     stop = stopping(ship_of((tanker, at)), astern=1.0)
-    assert np.isfinite(stop["track_reach"].values).tolist() == [True, False]
+    assert np.isfinite(stop["track_reach"].values).tolist() == [True, False] * 20
     assert "with probability 0.50" in stopping_sentence(stop)
     assert stopping_sentence(stop).endswith("50 % of the draws do not stop.")
     assert stopping_sentence(stop.isel(draw=[1])) == "No draw stops with 1 1/s astern."
+
+
+def test_few_draws_give_no_interval_and_no_probability(tanker, drawn):
+    """A term set of small weight has one draw of a thousand."""
+    one = drawn.isel(draw=[0])
+    text = stopping_sentence(one)
+    reach = f"{one['track_reach'].item() / 320.0:.1f}"
+    assert f"track reach {reach} L by 1 draw with forces astern, too few for an interval and a probability." in text
+    assert "(" not in text
+    rows = stopping_rows(one)
+    assert np.isnan([row[key] for row in rows for key in ("lower", "upper")]).all()
+    assert np.isfinite([row["median"] for row in rows]).all()
+    assert "by 39 draws" in stopping_sentence(drawn.isel(draw=slice(39)))
+    assert "with probability" in stopping_sentence(drawn.isel(draw=slice(40)))
+
+
+def test_the_advice_is_a_command_that_runs_or_says_what_lacks(tanker):
+    draws = np.tile(reference_coefficients(tanker), (40, 1))
+    command = re.search(r"pymc-ship (forecast FOLDER --stop (\S+)) ", stopping_advice(ship_of((tanker, draws))))
+    asked = parser().parse_args(command[1].split()).stop
+    assert asked == float(command[2])
+    assert np.isfinite(stopping(tanker, astern=asked)["track_reach"].item())
+    for few in (ship_of((tanker, draws[:39])), ship_of(ps.load_vessel("kvlcc2"))):
+        assert "Stopping is not forecast" in stopping_advice(few)
+        assert '--terms "modular at any speed"' in stopping_advice(few)
 
 
 def test_the_figure_has_tracks_and_speeds(drawn):

@@ -170,8 +170,8 @@ def test_held_out_indices_are_those_of_the_model(text, out):
 def test_the_summary_counts_what_the_intervals_cover(text):
     lines = index_error_rows(model().held_out_indices)
     errors, covered = overshoot_errors(lines), coverage(lines)
-    assert f"error {errors['first_overshoot_angle_mean']:.2g} deg in the mean" in text
-    assert f"{errors['second_overshoot_angle_max']:.2g} deg at most" in text
+    assert f"mean absolute error {errors['first_overshoot_angle_mean']:.2g} deg, largest" in text
+    assert f"largest {errors['second_overshoot_angle_max']:.2g} deg." in text
     assert f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of 21" in text
     assert (
         f"; {covered['90_leave_one_out']} and {covered['95_leave_one_out']} where the model error comes from the other"

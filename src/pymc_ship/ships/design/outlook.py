@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import SimulationError
+from pymc_ship.pages.tables import percent
 from pymc_ship.physics.manoeuvre.standard import STANDARD
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.ships.design.next_run import design
@@ -18,6 +19,7 @@ from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 
 _DRAWS = 200  # at most
+LEAST_GAIN = 0.05  # fraction of the widths by which a recommended run shortens them
 _INSIDE = 0.95  # probability of intervals
 
 
@@ -56,6 +58,17 @@ def manoeuvring_summary(ship: Ship, rng: np.random.Generator) -> ManoeuvringSumm
     return ManoeuvringSummary(forecasts, (*turns, *_recommended_run(ship)))
 
 
+def sentence_without_gain(plan: xr.Dataset) -> str:
+    """Sentence where the best first run of :func:`pymc_ship.design` gains less than 5 %; empty otherwise."""
+    ratio = float(plan["width_ratio"].sel(step=1).min("candidate"))
+    if ratio <= 1.0 - LEAST_GAIN:
+        return ""
+    return (
+        f"No further run is recommended: none of the {plan.sizes['candidate']} candidates shortens the intervals by "
+        f"{percent(LEAST_GAIN)} or more; the best, {plan['chosen'].values[0]}, leaves {ratio:.2f} of their width."
+    )
+
+
 def _recommended_run(ship: Ship) -> list[str]:
     """Sentence on the standard manoeuvre that shortens the intervals most; none where no index can be forecast."""
     vessel = ship.models[0][0]
@@ -64,6 +77,8 @@ def _recommended_run(ship: Ship) -> list[str]:
     except SimulationError:
         return []
     best = plan.sel(candidate=plan["chosen"].item(), step=1)
+    if no_run := sentence_without_gain(plan):
+        return [no_run]
     now, then = plan["half_width"].values
     most = int(np.argmin(then / now))
     target, unit = (str(plan[name].values[most]) for name in ("target", "units"))

@@ -21,6 +21,7 @@ from pymc_ship.records.steering.measured import measured_indices
 from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, error_rows
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
+from pymc_ship.ships.forecasting.extrapolation import percentage_outside
 from pymc_ship.ships.forecasting.figures import manoeuvre_figures
 from pymc_ship.ships.forecasting.force_curves import force_curves
 from pymc_ship.ships.forecasting.forecast import NO_ROLL, has_roll
@@ -43,7 +44,15 @@ _CAPTIONS = {
     "heading_and_rudder": "Heading and rudder; a positive rudder angle turns to port.",
     "motion": "Velocities, rates, roll and rudder.",
 }
+PRIORS = {  # of the coefficients, by Ship.prior
+    "hull_database": "the hull by captive tests of other ships (Yoshimura & Masumoto 2012), all else wide about 0",
+    "order_damped": "wide about 0",
+    "sister_ship": "about the values of the vessel file, with 30 % of them as sd",
+}
 _SWINGS = " Bands are quantiles at each instant; the marks are the overshoots."
+_DEFINITIONS = (
+    " Advance, transfer: at a change of heading of 90 deg; tactical diameter: at 180 deg (ITTC 7.5-04-02-01)."
+)
 _DECIMALS = {"deg": 2, "L": 2, "s": 1, "m/s": 2, "deg/s": 3}  # decimals of an index by its unit
 
 
@@ -104,6 +113,7 @@ def write_forecast_page(
     verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
     rows, sections = {"forecast_verdict": verdicts} if verdicts else {}, []
     drawn: dict[str, Figure] = {}
+    compared: dict[str, list[dict] | None] = {}
     for slug, (name, tree) in zip(_slugs(forecasts), forecasts.items(), strict=True):
         progress(f"drawing {name}")
         trial = measured.get(name)
@@ -112,6 +122,7 @@ def write_forecast_page(
         rows |= ({slug: lines} if lines else {}) | {f"{slug}_bands": band_rows(tree)}
         of_section = [row["verdict"] for row in verdicts if row["manoeuvre"] == name]
         sections.append(_section(slug, name, tree, lines, of_section))
+        compared[name] = lines if trial is not None else None
     progress("drawing the force curves")
     drawn["forecast_forces"] = force_curves(ship.models, ship.motion)
     if turns is not None:
@@ -121,8 +132,10 @@ def write_forecast_page(
         rows["forecast_stopping"] = stopping_rows(stop)
     no_roll = [] if all(map(has_roll, forecasts.values())) else [NO_ROLL]
     progress("writing the page")
-    values = _head(forecasts, vessel) | {
+    values = _head(ship, forecasts, vessel) | {
+        "evidence": measured_sentences(forecasts, compared) if forecasts else [],
         "verdicts": verdict_table(verdicts) if verdicts else None,
+        "monte_carlo": f"{max((row['standard_error'] for row in verdicts), default=0.0):.1g}",
         "sections": sections,
         "spiral": spiral_sentence(turns) if turns is not None else "",
         "stopping": stopping_sentence(stop) if stop is not None else "",
@@ -133,8 +146,10 @@ def write_forecast_page(
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
 
 
-def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
+def _head(ship: Ship, forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
+    draws = [tree.attrs["draws"] for tree in forecasts.values()]
     return {
+        "method": _method(ship, max(draws, default=ship.draws)),
         "title": f"{vessel.name}: forecast of its manoeuvres",
         "vessel_title": vessel.title or vessel.name,
         "particulars": vessel.particulars,
@@ -142,6 +157,56 @@ def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
         "sure": f"{CONFORMANCE_PROBABILITY:g}",
         "unsure": f"{1.0 - CONFORMANCE_PROBABILITY:.2g}",
     }
+
+
+def _method(ship: Ship, draws: int) -> str:
+    """Sentence: number of draws, term sets and prior of a forecast."""
+    sets = f"{len(ship.models)} term set{'s' * (len(ship.models) != 1)}"
+    if ship.index_error is None:
+        return f"Each forecast simulates {draws} draw{'s' * (draws != 1)} of {sets}, without model error."
+    prior = f" and the prior: {PRIORS[ship.prior]}" if ship.prior in PRIORS else ""
+    return (
+        f"Each forecast simulates {draws} draws of {sets}, weighted by held-out runs. The draws are from the posterior "
+        f"of the runs{prior}."
+    )
+
+
+def measured_sentences(
+    forecasts: Mapping[str, xr.DataTree], compared: Mapping[str, Sequence[Mapping] | None]
+) -> list[str]:
+    """Sentences: measured indices outside their intervals first, then forecasts without a measurement.
+
+    ``compared`` has the rows of :func:`index_rows` of each forecast with a measured trial, and None for the others.
+    """
+    sentences = []
+    for name, rows in compared.items():
+        known = [row for row in rows or () if row["covered"]]
+        missed = [row for row in known if row["covered"] == "no"]
+        if rows is None or not known:
+            continue
+        interval = f"intervals of {percent(forecasts[name].attrs['ci_prob'])}"
+        if not missed:
+            sentences.append(f"{_capital(name)}: all {len(known)} measured indices lie inside the {interval}.")
+            continue
+        listed = "; ".join(_missed(row) for row in missed)
+        sentences.insert(
+            0,
+            f"{_capital(name)}: {len(missed)} of {len(known)} measured indices lie outside the {interval}: {listed}. "
+            "The intervals and probabilities of this manoeuvre are too certain.",
+        )
+    unmeasured = [f"{name} ({_outside(forecasts[name])})" for name, rows in compared.items() if rows is None]
+    return [*sentences, *([f"Without a measurement: {'; '.join(unmeasured)}."] if unmeasured else [])]
+
+
+def _missed(row: Mapping) -> str:
+    n = fixed_point(_DECIMALS[row["units"]])
+    return f"{row['index']} {n(row['measured'])} {row['units']} against {_interval(row, n)}"
+
+
+def _outside(tree: xr.DataTree) -> str:
+    """Text: percentage of the instants outside the motion of the runs."""
+    fraction = tree.attrs["share_extrapolated"]
+    return f"{percentage_outside(fraction)} extrapolated" if np.isfinite(fraction) else "extrapolation not assessed"
 
 
 def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[str]:
@@ -183,13 +248,22 @@ def refused_sentence(tree: xr.DataTree) -> str:
 
 
 def verdict_rows(name: str, tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:
-    """Rows of :func:`pymc_ship.imo_probabilities` with the name of the manoeuvre and the measured value [deg, L]."""
+    """Rows of :func:`pymc_ship.imo_probabilities` with manoeuvre, measured value [deg, L] and extrapolated fraction.
+
+    The sentence ``verdict`` includes a measured value outside the interval.
+    """
     measured_values = {} if measured is None else measured_indices(measured, tree.attrs)
     rows = []
     for row in imo_probabilities(tree, vessel):
         unit = vessel.particulars.L if row["units"] == "L" else 1.0
         value = measured_values.get(row["criterion"].replace(" ", "_"), np.nan) / unit
-        rows.append({"manoeuvre": name, **row, "measured": value})
+        row |= {"measured": value, "missed": bool(value < row["lower"] or value > row["upper"])}
+        if row["missed"]:
+            n = fixed_point(_DECIMALS[row["units"]])
+            row["verdict"] += (
+                f" Measured {n(value)} {row['units']}, outside the interval: the probability is too certain."
+            )
+        rows.append({"manoeuvre": name, **row, "extrapolated": tree.attrs["share_extrapolated"]})
     return rows
 
 
@@ -246,18 +320,19 @@ def _slugs(names: Iterable[str]) -> list[str]:
 
 def _section(slug: str, name: str, tree: xr.DataTree, rows: list[dict], verdicts: list[str]) -> dict:
     """Template values of one manoeuvre."""
-    swings = kind_named(tree.attrs["manoeuvre"]).swings
+    kind = kind_named(tree.attrs["manoeuvre"])
     return {
         "id": slug,
         "name": _capital(name),
+        "definitions": _DEFINITIONS if kind.circles else "",
         "shares": f"{tree.attrs['draws']} draws, {100.0 * tree.attrs['share_diverged']:.3g} % diverged",
         "speed": f"{tree.attrs['approach_speed']:.4g}",
         "extrapolation": tree.attrs["extrapolation"],
         "verdicts": [_capital(sentence) for sentence in verdicts],
         "table": index_table(rows, tree.attrs["ci_prob"]) if rows else None,
         "captions": {
-            f"{slug}_{kind}": caption + (_SWINGS if kind == "heading_and_rudder" and swings else "")
-            for kind, caption in _CAPTIONS.items()
+            f"{slug}_{name}": caption + (_SWINGS if name == "heading_and_rudder" and kind.swings else "")
+            for name, caption in _CAPTIONS.items()
         },
     }
 
@@ -293,13 +368,18 @@ def verdict_table(rows: Sequence[Mapping]) -> Table:
     """Table of :func:`verdict_rows`."""
     lines = []
     for row in rows:
-        n, se = fixed_point(1 if row["units"] == "deg" else 2), row["standard_error"]
-        finite = [key for key in ("limit", "median", "measured") if np.isfinite(row[key])]
-        texts = {"median": "–", "measured": "–"} | {key: f"{n(row[key])} {row['units']}" for key in finite}
-        probability = probability_text(row["probability"]) + (f" ± {fixed_point(2)(se)}" if se >= 0.005 else "")
-        lines.append(dict(row) | texts | {"interval": _interval(row, n), "probability": probability})
-    columns = heads(str, manoeuvre="manoeuvre", criterion="criterion", limit="limit", median="median")
-    columns |= heads(str, interval="interval", probability="probability of passing", conformity="verdict")
+        n = fixed_point(1 if row["units"] == "deg" else 2)
+        texts = {key: f"{n(row[key])} {row['units']}" for key in ("limit", "measured") if np.isfinite(row[key])}
+        texts = {"measured": "–"} | texts
+        median = f"{n(row['median'])} ({_interval(row, n)})" if np.isfinite(row["median"]) else "–"
+        texts |= {"forecast": median, "probability": probability_text(row["probability"])}
+        texts["extrapolated"] = percentage_outside(row["extrapolated"]) if np.isfinite(row["extrapolated"]) else "–"
+        if row["missed"]:
+            texts["measured"] += ", outside"
+            texts["conformity"] = f"{row['conformity']}, interval missed"
+        lines.append(dict(row) | texts)
+    columns = heads(str, manoeuvre="manoeuvre", criterion="criterion", limit="limit", forecast="forecast (interval)")
     if any(np.isfinite(row["measured"]) for row in rows):
         columns |= heads(str, measured="measured")
+    columns |= heads(str, probability="probability of passing", conformity="verdict", extrapolated="extrapolated")
     return table(lines, columns)

@@ -29,11 +29,13 @@ COLUMNS = heads(str, index="index", units="") | heads(fixed_point(1), median="me
 LONGEST = 150.0  # longest simulated time [L/U]
 MOST_ASTERN = 1.5  # largest ratio of revolutions astern to the nominal ones
 REVERSAL = 1.5  # default time from the order to the revolutions astern [L/U]
+_LEAST_DRAWS = 40  # draws of an interval of 95 % and of a probability
 _STEPS = 20  # in L/U
 _SHOWN = 40  # tracks of a figure
+_MORE_DRAWS = 'Identify the ship with --terms "modular at any speed" and [propeller] in the vessel file.'
 _NOT_ASTERN = (
     "A stopping test needs forces at any speed and the table [propeller], found no such model; "
-    'identify the ship with --terms "modular at any speed" and [propeller] in the vessel file.'
+    f"{_MORE_DRAWS[0].lower()}{_MORE_DRAWS[1:]}"
 )
 
 
@@ -160,29 +162,48 @@ def stopping_indices(motion: Mapping[str, np.ndarray], time: np.ndarray) -> xr.D
 
 
 def stopping_sentence(stop: xr.Dataset) -> str:
-    """Sentence: track reach with its interval and the probability of conformance with IMO MSC.137(76)."""
+    """Sentence: track reach, with interval and probability of conformity (IMO MSC.137(76)) from 40 draws on."""
     reach = stop["track_reach"].values / stop.attrs["L"]
-    stops = np.isfinite(reach)
+    stops, astern = np.isfinite(reach), f"{stop.attrs['astern']:g} 1/s astern"
     if not stops.any():
-        return f"No draw stops with {stop.attrs['astern']:g} 1/s astern."
+        return f"No draw stops with {astern}."
     lower, median, upper = np.quantile(reach[stops], [0.025, 0.5, 0.975])
-    probabilities = [probability_text(float(np.mean(stops & (reach <= limit)))) for limit in (LIMIT, LARGE)]
     remainder = f" {rounded_percent(float(np.mean(~stops)))} of the draws do not stop." if not stops.all() else ""
+    if reach.size < _LEAST_DRAWS:
+        return (
+            f"Stopping test with {astern}: track reach {median:.1f} L by {reach.size} draw{'s' * (reach.size != 1)} "
+            f"with forces astern, too few for an interval and a probability.{remainder} {_MORE_DRAWS}"
+        )
+    probabilities = [probability_text(float(np.mean(stops & (reach <= limit)))) for limit in (LIMIT, LARGE)]
     return (
-        f"Stopping test with {stop.attrs['astern']:g} 1/s astern: track reach {median:.1f} L ({lower:.1f} to "
+        f"Stopping test with {astern}: track reach {median:.1f} L ({lower:.1f} to "
         f"{upper:.1f}), within the {LIMIT:g} L of IMO MSC.137(76) with probability {probabilities[0]}, within "
         f"the {LARGE:g} L of large ships with {probabilities[1]}.{remainder}"
     )
 
 
+def stopping_advice(ship: ShipLike) -> str:
+    """Sentence: the command that forecasts a stopping test of the ship, or what the ship lacks for one."""
+    models = [(vessel, rows) for vessel, rows in as_ship(ship).models if _models_astern(vessel)]
+    draws = sum(len(rows) for _, rows in models)
+    if draws < _LEAST_DRAWS or models[0][0].propeller is None:
+        return f"Stopping is not forecast: forces astern in {draws} of {as_ship(ship).draws} draws. {_MORE_DRAWS}"
+    return (
+        "Stopping depends on the revolutions astern and is not forecast here; "
+        f"pymc-ship forecast FOLDER --stop {ship_dimensions(models[0][0]).n:.2g} takes the folder of this page and the "
+        "revolutions [1/s]."
+    )
+
+
 def stopping_rows(stop: xr.Dataset) -> list[dict]:
-    """Median and 95 % interval of each index over the draws that stop; distances in L."""
+    """Median and, from 40 draws on, 95 % interval of each index over the draws that stop; distances in L."""
     rows = []
     for name, units in INDICES.items():
         values = stop[name].values / (stop.attrs["L"] if units == "m" else 1.0)
         row = {"index": name.replace("_", " "), "units": "L" if units == "m" else units}
         finite = np.isfinite(values)
         ends = np.quantile(values[finite], [0.5, 0.025, 0.975]) if finite.any() else np.full(3, np.nan)
+        ends[1:] = ends[1:] if values.size >= _LEAST_DRAWS else np.nan
         rows.append(row | dict(zip(("median", "lower", "upper"), ends.tolist(), strict=True)))
     return rows
 

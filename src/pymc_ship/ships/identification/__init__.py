@@ -8,5 +8,6 @@
 - `replay`: bands and score of that motion.
 - `score_page`: page of a score.
 - `figures`: held-out windows, overshoots and scores.
+- `opening`: sentences of its first screen.
 - `page`: page of an identification and its tables.
 """

@@ -15,7 +15,7 @@ from pymc_ship.inference.captive.comparison import captive_figure, comparison_pa
 from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed_point, number, rounded_percent, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.manoeuvre.steering_record import approach_speed
 from pymc_ship.physics.vessel.parts import FIXED_SD
@@ -26,7 +26,7 @@ from pymc_ship.records.files.quality_flags import worst_verdict
 from pymc_ship.ships.ensemble.index_error import error_rows
 from pymc_ship.ships.forecasting.figures import turns_and_overshoots
 from pymc_ship.ships.forecasting.force_curves import force_curves
-from pymc_ship.ships.forecasting.page import verdict_rows, verdict_table
+from pymc_ship.ships.forecasting.page import PRIORS, verdict_rows, verdict_table
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
 from pymc_ship.ships.identification.candidates import Candidate, Refusal
 from pymc_ship.ships.identification.figures import (
@@ -37,8 +37,15 @@ from pymc_ship.ships.identification.figures import (
     score_differences,
     term_set_scores,
 )
-from pymc_ship.ships.identification.held_out_errors import coverage, index_error_rows, overshoot_errors
+from pymc_ship.ships.identification.held_out_errors import index_error_rows
 from pymc_ship.ships.identification.model import ShipIdentification
+from pymc_ship.ships.identification.opening import (
+    DOUBTS,
+    fit_sentences,
+    held_out_sentences,
+    measured_sentences,
+    opening_sentences,
+)
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import named_trials, sampling_interval
 
@@ -89,15 +96,12 @@ REFUSED = Page(
 )
 """The page of an identification without a term set."""
 
-_DOUBTS = ("doubtful", "bad")
 _REFUSALS: Columns = {
     "terms": ("term set", str),
     "manoeuvre": ("fails in", str),
     "time": ("after [s]", number(3)),
     "fault": ("the ship", str),
 }
-
-_WORDS = {"first": "First overshoot angle", "second": "Second overshoot angle"}
 
 
 def write_ship_report(
@@ -173,21 +177,21 @@ def write_ship_report(
         "correlations": correlation_rows(result.candidates[0]),
         "captive": comparison_rows(captive) if captive is not None else [],
     }
+    verdicts = [row for label, tree in forecasts.items() for row in verdict_rows(label, tree, result.vessel)]
     progress("drawing the figures")
     turns = steady_turns(result.ship)
     drawn = _figures(result, list(trials.values()), seed, captive) | {"spiral": spiral_curve(turns)}
     if forecasts:
         drawn["turns_and_overshoots"] = turns_and_overshoots(forecasts, result.vessel)
     progress("writing the page")
-    values = (
-        _values(result, trials, rows, summary)
-        | _opening(result, forecasts)
-        | {
-            "steering": _steering(result, given),
-            "command": command,
-            "seed": seed,
-        }
-    )
+    values = _values(result, trials, rows, summary) | {
+        "measured": measured_sentences(result, rows["held_out_indices"], forecasts),
+        "opening": opening_sentences(result, verdicts, forecasts),
+        "verdicts": verdict_table(verdicts) if verdicts else None,
+        "steering": _steering(result, given),
+        "command": command,
+        "seed": seed,
+    }
     values["spiral"] = spiral_sentence(turns)
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*result.vessel.sources, *SOURCES)))
 
@@ -225,7 +229,7 @@ def write_refusals(
         When the folder cannot be written.
     """
     made = check_rows(checks)
-    rows = {"refusals": refusal_rows(refusals), "doubts": [row for row in made if row["verdict"] in _DOUBTS]}
+    rows = {"refusals": refusal_rows(refusals), "doubts": [row for row in made if row["verdict"] in DOUBTS]}
     values = {
         "vessel": vessel,
         "best": None,
@@ -371,77 +375,20 @@ def _values(
         "n_runs": len(trials),
         "length": f"{LENGTH:g}",
         "correlated": f"{CORRELATED:g}",
-        "evidence": _evidence(result, rows, summary),
-        "prior": _PRIORS[result.ship.prior],
+        "evidence": fit_sentences(result, rows, summary),
+        "prior": PRIORS[result.ship.prior],
         "corrections": {name: list(trial.attrs.get("corrections", ())) for name, trial in trials.items()},
-        "doubtful": [row for row in rows["checks"] if row["verdict"] in _DOUBTS],
+        "doubtful": [row for row in rows["checks"] if row["verdict"] in DOUBTS],
         "unchecked": _unchecked(rows["checks"]),
         "left_out": left_out,
         "best": result.candidates[0],
         "prior_conflicts": [row for row in rows["coefficients"] if abs(row["prior_sds_away"]) > DISAGREE],
         "disagree": f"{DISAGREE:g}",
         "n_coefficients": len(rows["coefficients"]),
-        "summary": _summary(rows["held_out_indices"]),
+        "summary": held_out_sentences(rows["held_out_indices"]),
         "tables": _tables(result, rows),
         "remarks": [remark for remark in result.ship.remarks if remark not in left_out],
     }
-
-
-def _opening(result: ShipIdentification, forecasts: Mapping[str, xr.DataTree]) -> dict:
-    """Five sentences and a table for a master: turn, overshoot, IMO, stop and how sure that is."""
-    verdicts = [row for label, tree in forecasts.items() for row in verdict_rows(label, tree, result.vessel)]
-
-    def widest(criterion: str, kind: str) -> str:
-        rows = [row for row in verdicts if row["criterion"] == criterion and row["manoeuvre"].startswith(kind)]
-        rows = [row for row in rows if np.isfinite(row["median"])]
-        if not rows:
-            return "unknown"
-        row = max(rows, key=lambda one: one["median"])
-        n = fixed_point(1 if row["units"] == "deg" else 2)
-        return f"{n(row['median'])} {row['units']} ({n(row['lower'])} to {n(row['upper'])})"
-
-    if not verdicts:
-        return {"opening": [], "verdicts": None}
-    count = {word: sum(row["conformity"] == word for row in verdicts) for word in ("passes", "open", "fails")}
-    covered = coverage(index_error_rows(result.held_out_indices)) if result.held_out_indices.sizes["run"] else None
-    held_out = f"of {result.held_out_indices.sizes['run']} runs that were predicted from the others"
-    n = len(index_error_rows(result.held_out_indices))
-    opening = [
-        f"Turn with 35 deg of rudder: the ship goes {widest('advance', 'turning')} ahead and "
-        f"{widest('tactical diameter', 'turning')} to the side, in ship lengths L.",
-        f"Overshoot: {widest('first overshoot angle', 'zigzag 10')} in the 10/10 zigzag and "
-        f"{widest('first overshoot angle', 'zigzag 20')} in the 20/20 zigzag, on the less favourable side.",
-        f"IMO MSC.137(76): of {len(verdicts)} criteria the ship passes {count['passes']} and fails {count['fails']}; "
-        f"{count['open']} are open.",
-        "Stop: the distance depends on the revolutions astern; pymc-ship forecast --stop computes it for term sets "
-        "that are valid astern.",
-        f"Certainty: brackets are intervals of 95 %; {covered['95']} of {n} such intervals covered the measurement "
-        f"{held_out}."
-        if covered and n
-        else "Certainty: brackets are intervals of 95 %, but no measured manoeuvre was predicted from other runs.",
-    ]
-    return {"opening": opening, "verdicts": verdict_table(verdicts)}
-
-
-def _evidence(result: ShipIdentification, rows: Mapping[str, list[dict]], summary: Sequence[str]) -> list[str]:
-    """Sentences on the fit, held-out runs, checks and the recommended run."""
-    best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
-    share = sum(row["weight"] * row["infeasible_fraction"] for row in drawn)
-    worst = [row["run"] for row in rows["runs"] if row["verdict"] in _DOUBTS]
-    sentences = [
-        f"{len(result.candidates)} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %.",
-        *_summary(rows["held_out_indices"]),
-        f"Runs with a doubtful check: {', '.join(worst)}." if worst else "No check of a run is doubtful.",
-    ]
-    text = f"{rounded_percent(share)} diverged and were replaced by new draws" if share else "none diverged"
-    return [*sentences, f"Every draw of the coefficients was simulated in six standard manoeuvres; {text}.", *summary]
-
-
-_PRIORS = {
-    "hull_database": "the hull by captive tests of other ships (Yoshimura & Masumoto 2012), all else wide about 0",
-    "order_damped": "wide about 0",
-    "sister_ship": "about the values of the vessel file, with 30 % of them as sd",
-}
 
 
 def _steering(result: ShipIdentification, given: Vessel | None) -> list[str]:
@@ -471,29 +418,6 @@ def _unchecked(rows: Sequence[Mapping]) -> str:
     """Names of the checks that were not made, with the number of runs."""
     names = [row["check"] for row in rows if row["verdict"] == "not checked"]
     return ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
-
-
-def _summary(rows: Sequence[Mapping]) -> list[str]:
-    """Sentences on overshoots, times and coverage of held-out manoeuvres."""
-    if not rows:
-        return []
-    errors, n = overshoot_errors(rows), number(2)
-    sentences = [
-        f"{word} of held-out zigzags: error {n(errors[f'{name}_overshoot_angle_mean'])} deg in the mean, "
-        f"{n(errors[f'{name}_overshoot_angle_max'])} deg at most."
-        for name, word in _WORDS.items()
-        if np.isfinite(errors[f"{name}_overshoot_angle_mean"])
-    ]
-    if np.isfinite(errors["overshoot_time_median"]):
-        sentences.append(f"Time to overshoot: error {n(errors['overshoot_time_median'])} % in the median.")
-    covered = coverage(rows)
-    text = f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of {len(rows)} held-out indices"
-    others = (
-        f"; {covered['90_leave_one_out']} and {covered['95_leave_one_out']} where the model error comes from the other "
-        "runs alone"
-    )
-    known = all(np.isfinite(row["leave_one_out_sd"]) for row in rows)
-    return [*sentences, f"{text}{others if known else ''}."]
 
 
 def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
