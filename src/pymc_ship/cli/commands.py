@@ -47,7 +47,7 @@ from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.inference.regression.tune import tune_prior
 from pymc_ship.machine.errors import SimulationError, TrialError
 from pymc_ship.machine.files import staged_files, staged_path, writable_folder
-from pymc_ship.machine.text import utf8
+from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -295,14 +295,15 @@ def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:
 def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] and rudder angles [rad] of a CSV with the header ``time,delta_deg``."""
     try:
-        lines = utf8(Path(path).read_bytes()).splitlines()
+        lines = file_text(path).splitlines()
         header, *rows = [line.split(",") for line in lines if line.strip() and line[0] != "#"] or [[]]
         if [name.strip() for name in header] != _PROGRAMME_HEADER:
             raise ValueError(f"the header is not time,delta_deg but {','.join(header)!r}")
         time, delta_deg = np.array(rows, dtype=float).reshape(len(rows), len(_PROGRAMME_HEADER)).T
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise SimulationError(f"The rudder programme {path} cannot be read: {reason}; correct the file.") from None
+    except TextError as error:
+        raise SimulationError(f"The rudder programme {path} cannot be read: {error}.") from None
+    except ValueError as error:
+        raise SimulationError(f"The rudder programme {path} cannot be read: {error}; correct the file.") from None
     return time, np.deg2rad(delta_deg)
 
 

@@ -21,12 +21,12 @@ from pathlib import Path
 from filelock import lock_descriptor
 
 from pymc_ship.machine.errors import OutputError
+from pymc_ship.machine.text import SPECIAL_FILES
 
 OLD = 7 * 86400.0  # seconds without a change after which a partial folder of another machine counts as abandoned
 
 _HOST = hashlib.sha256(f"{platform.node()} {uuid.getnode()}".encode()).hexdigest()[:12]
 _BOX = re.compile(r"\.partial-[0-9a-f]{12}-\d+-\w+")
-_KINDS = {stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 # Names inside a partial folder: lock of its run; files to delete on delivery; files being written; the earlier folder
 # during a swap; complete files during delivery.
@@ -90,7 +90,7 @@ def final_path(path: str | Path) -> Path:
         if not path.is_symlink() and not path.exists():
             return path
         real = Path(os.path.realpath(path)) if path.is_symlink() else path
-        kind = _KINDS.get(stat.S_IFMT(real.stat().st_mode)) if os.path.lexists(real) else None
+        kind = SPECIAL_FILES.get(stat.S_IFMT(real.stat().st_mode)) if os.path.lexists(real) else None
     if kind:
         raise OutputError(f"A result is written to a file or a folder, found {kind} at {path}; choose another path.")
     return real

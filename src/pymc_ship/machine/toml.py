@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pymc_ship.machine.arguments import check_choice, finite_number, short_repr
-from pymc_ship.machine.text import EncodingError, utf8
+from pymc_ship.machine.text import TextError, file_text
 
 _LONGEST_KEY = 60
 
@@ -94,10 +94,8 @@ def toml_table(source: str | Path | Mapping[str, Any], what: str, error: type[Va
 def toml_file(path: str | Path, what: str, error: type[ValueError]) -> Entry:
     """Entry of a TOML file; raises ``error`` with ``what`` as its subject if the file cannot be read."""
     try:
-        return Entry(tomllib.loads(utf8(Path(path).read_bytes())), str(path), error)
-    except OSError as reason:
-        raise error(f"{what} {path} cannot be read: {reason.strerror}; check the path.") from None
-    except EncodingError as reason:
+        return Entry(tomllib.loads(file_text(path)), str(path), error)
+    except TextError as reason:
         raise error(f"{what} {path} cannot be read: {reason}.") from None
     except ValueError as reason:
         raise error(f"{what} {path} is not valid TOML: {reason}; mend it.") from None

@@ -82,7 +82,11 @@ class Channel:
 
 
 _HEADINGS = {  # other names of each channel in files
-    "time": ("t", "elapsed time", "timestamp", "time stamp"),
+    "time": (
+        *("t", "elapsed time", "timestamp", "time stamp", "datetime", "date time", "date/time", "utc", "utc time"),
+        *("time utc", "gps time", "local time", "sec", "secs", "seconds", "stamp sec", "stamp secs"),
+        *("header stamp sec", "header stamp secs", "field header stamp secs"),
+    ),
     "u": ("surge", "surge velocity", "surge speed", "longitudinal velocity", "longitudinal speed"),
     "v": ("sway", "sway velocity", "sway speed", "transverse velocity", "transverse speed", "lateral velocity"),
     "r": ("yaw rate", "yawrate", "yaw velocity", "rate of turn", "rot", "yaw", "heading rate"),

@@ -30,6 +30,13 @@ def test_the_sampling_is_judged_by_the_ship(zigzag, container, every, verdict):
     assert checks["sampling"].value("interval") == pytest.approx(INTERVAL * every)
 
 
+def test_a_record_in_days_that_is_read_in_seconds_has_too_many_samples(zigzag, container):
+    days = zigzag.assign_coords(time=zigzag["time"] / 86400.0)
+    check = checks_by_name(days, container)["sampling"]
+    assert check.verdict == "bad"
+    assert "No logger is so fast: state the unit of time in the format" in check.sentence
+
+
 def test_a_rudder_that_jumps_between_samples_is_doubted(container):
     trial = noisy(steered(container, rate_limited=False)).isel(time=slice(None, None, 5))
     checks = checks_by_name(trial, container)

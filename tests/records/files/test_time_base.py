@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymc_ship.records.files.time_base import regular, rounding, typical_step
+from pymc_ship.records.files.interpolation import typical_step
+from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.record import check_trial
 
 STEP = 0.1352644
@@ -22,7 +23,7 @@ def significant(values, digits):
 def regularised(time, channels):
     """Uniform record of stamps as printed."""
     time = np.asarray(time, dtype=float)
-    return regular(time, rounding(time), channels, "run.csv")
+    return regular(time, rounding(time), channels, "run.csv")[:3]
 
 
 def assert_on_signal(time, channels, atol=1e-4):

@@ -12,6 +12,8 @@ from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 SAMPLES_DOUBTFUL, SAMPLES_BAD = 10.0, 4.0  # samples in L/U; a ship answers within a fraction of it
+MOST_SAMPLES = 1e5  # samples in L/U from which time has another unit; 1 kHz on the slowest ship are 6e4
+LOST_DOUBTFUL, LOST_BAD = 0.1, 0.5  # fraction of the rows of a file that its reading leaves out
 RUDDER_STEP = 0.25  # rudder travel between samples over its range, beyond which its moves are not resolved
 FASTEST_GEAR = 300.0  # rudder angle [deg] in L/U beyond any steering gear; quick models reach 150
 NOISE_DOUBTFUL, NOISE_BAD = 1.0 / 3.0, 1.0  # noise of a sample over the spread of the signal
@@ -41,6 +43,9 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     text = f"{interval:.3g} s between samples, {samples:.3g} samples in L/U."
     if samples < SAMPLES_BAD:
         return Check("sampling", "bad", f"{text} Accelerations cannot be estimated; sample faster.", numbers)
+    if samples > MOST_SAMPLES:
+        text += " No logger is so fast: state the unit of time in the format, such as 'days', or thin the record."
+        return Check("sampling", "bad", text, numbers)
     if samples < SAMPLES_DOUBTFUL:
         return Check("sampling", "doubtful", f"{text} That is few; use the trajectory fit, or sample faster.", numbers)
     if travel > RUDDER_STEP and rate * scale.time > FASTEST_GEAR:
@@ -208,7 +213,11 @@ def gap_check(trial: xr.Dataset) -> Check:
     if notes is None:
         return not_checked("gaps", "the record has no notes of its reading")
     gaps = [line for line in notes.splitlines() if "gap" in line.lower() or "missing" in line.lower()]
-    numbers = (("remarks", float(len(gaps)), ""),)
+    lost = float(trial.attrs.get("rows_lost", 0.0))
+    numbers = (("remarks", float(len(gaps)), ""), ("rows left out over rows", lost, ""))
+    if lost >= LOST_DOUBTFUL:
+        verdict, text = "bad" if lost >= LOST_BAD else "doubtful", " ".join(gaps or notes.splitlines()[-1:])
+        return Check("gaps", verdict, f"{lost:.0%} of the rows are left out. {text} Mend or split the file.", numbers)
     if not gaps:
         return Check("gaps", "good", "The file has no gap.", numbers)
     return Check("gaps", "doubtful", f"{' '.join(gaps)} Look at these places before a fit.", numbers)

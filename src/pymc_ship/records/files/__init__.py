@@ -3,6 +3,8 @@
 - `reading`: a trial file as the record of a trial.
 - `format`: columns, units, signs and frame of a file, as TOML.
 - `columns`: headings of columns, their channels and units.
+- `clock`: stamps of any usual clock as seconds.
+- `interpolation`: channels of different sensors on one time base.
 - `time_base`: uniform time from the stamps of a logger.
 - `noise`: noise of given kinds added to a clean record.
 - `instruments`: sensors with resolution, gaps and jitter.

@@ -20,7 +20,10 @@ _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a file: ``value = factor (sign cell + offset)`` in SI units."""
+    """A column of a file: ``value = factor (sign cell + offset)`` in SI units.
+
+    ``stated``: whether the file or its format states the unit.
+    """
 
     channel: str
     index: int
@@ -29,6 +32,7 @@ class Column:
     factor: float
     sign: float = 1.0
     offset: float = 0.0
+    stated: bool = True
 
     def si(self, cells: np.ndarray) -> np.ndarray:
         """Values in SI units."""
@@ -43,24 +47,25 @@ def is_unit(text: str) -> bool:
 
 def _channels_named(heading: str) -> list[Channel]:
     """Channels that a lower-case heading without unit may name."""
-    return [one for one in file_columns().values() if heading == _plain(one.name) or heading in one.headings]
+    return [one for one in file_columns().values() if heading == plain_name(one.name) or heading in one.headings]
 
 
 def _name_and_unit(heading: str) -> tuple[str, str | None]:
     """Lower-case name and unit of a heading such as ``u [m/s]``, ``r_deg/s``, ``U kn``."""
     bracketed = re.fullmatch(r"(.*?)\s*[\[({]([^\])}]*)[\])}]\s*", heading)
     if bracketed:
-        return _plain(bracketed[1]), bracketed[2].strip() or None
-    if _channels_named(_plain(heading)):
-        return _plain(heading), None
+        return plain_name(bracketed[1]), bracketed[2].strip() or None
+    if _channels_named(plain_name(heading)):
+        return plain_name(heading), None
     for separator in re.finditer(r"[_\s,/]+", heading):
-        name, unit = _plain(heading[: separator.start()]), heading[separator.end() :]
+        name, unit = plain_name(heading[: separator.start()]), heading[separator.end() :]
         if _channels_named(name) and is_unit(unit):
             return name, unit
-    return _plain(heading), None
+    return plain_name(heading), None
 
 
-def _plain(name: str) -> str:
+def plain_name(name: str) -> str:
+    """Name in lower case, with a space for each separator."""
     return re.sub(r"[\s_.-]+", " ", name).strip().lower()
 
 
@@ -128,7 +133,7 @@ def _candidates(
 
 def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[str]:
     read = [
-        f"{c.channel} from {c.heading!r} in {c.unit}"
+        f"{c.channel} from {c.heading!r}" + (f" in {c.unit}" if c.stated else "")
         for c in columns.values()
         if (c.heading, c.unit) != (c.channel, file_columns()[c.channel].unit.name)
     ]
@@ -138,6 +143,9 @@ def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[s
 
 def _single_column(channel: str, columns: list[Column], where: str) -> Column:
     candidates = [column for column in columns if column.heading == channel] or columns
+    if channel == TIME.name:  # clocks of a file show the same time
+        ranks = (TIME.name, *TIME.headings)
+        return min(candidates, key=lambda column: ranks.index(_name_and_unit(column.heading)[0]))
     if len(candidates) > 1:
         names = ", ".join(repr(column.heading) for column in candidates)
         raise TrialError(
@@ -172,14 +180,15 @@ def _without_unit(
     channel = next((one for one in channels if one.name in unstated), channels[0])
     unit = unstated.get(channel.name, channel.unit.name)
     factor = channel.unit.factor(unit)
-    by_name = channel is TIME or _name_and_unit(heading)[0] == _plain(channel.name)
+    by_name = channel is TIME or _name_and_unit(heading)[0] == plain_name(channel.name)
     if factor is None or not (by_name or channel.name in unstated):
         last = channels[-1].unit
         raise TrialError(
             f"{where}, column {heading!r}: its unit is not stated; state it, such as "
             f"'{heading} [{'deg' if last is RADIAN else last.name}]'."
         )
-    return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor)
+    stated = channel.name in unstated
+    return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor, stated=stated)
 
 
 def _unknown_unit(where: str, heading: str, channel: Channel, unit: str) -> str:
@@ -202,9 +211,12 @@ def _chosen_column(
             f"{where}: the format reads {channel.name} from one column {wanted!r}, found "
             f"{len(matched)} of this name among {', '.join(headings)}; correct the format."
         )
-    unit = choice.get("unit") or _name_and_unit(wanted)[1] or units[matched[0]] or unstated or channel.unit.name
+    stated = choice.get("unit") or _name_and_unit(wanted)[1] or units[matched[0]] or unstated
+    unit = stated or channel.unit.name
     factor = channel.unit.factor(unit)
     if factor is None:
         raise TrialError(_unknown_unit(where, wanted, channel, unit))
     signs = {key: choice[key] for key in ("sign", "offset") if key in choice}
-    return Column(channel=channel.name, index=matched[0], heading=wanted, unit=unit, factor=factor, **signs)
+    return Column(
+        channel=channel.name, index=matched[0], heading=wanted, unit=unit, factor=factor, **signs, stated=bool(stated)
+    )

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import re
-import zlib
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.machine.text import EncodingError, utf8
+from pymc_ship.machine.text import TextError, file_text
+from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
 from pymc_ship.records.files.columns import Column, is_unit, matched_columns
 from pymc_ship.records.files.format import TrialFormat, at_origin, full_scale, load_format, with_signs, with_true_wind
 from pymc_ship.records.files.time_base import regular, rounding
@@ -64,20 +63,27 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     psi made continuous over 1 jump of 360 deg.
     """
     path, layout = Path(path), load_format(format)
-    table = text_table(path, layout)
+    table = _with_nanoseconds(text_table(path, layout))
     columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)
-    cells, cell_notes = table_cells(table, columns, path)
-    time, quantum = columns["time"].si(cells["time"]), columns["time"].factor * rounding(cells["time"])
-    channels = {name: column.si(cells[name]) for name, column in columns.items() if name != "time"}
+    clock, stamps = columns["time"], _stamps(table, columns["time"])
+    numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
+    cells, cell_notes = table_cells(table, numeric, path)
+    channels = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
     channels, sign_notes = with_signs(channels, layout)
-    time, channels, time_notes = regular(time, quantum, channels, str(path))
-    notes = [*table.notes, *notes, *cell_notes, *_implausible(columns, cells), *sign_notes, *time_notes]
+    if stamps:
+        time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, str(path))
+    else:
+        time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels)
+    time, channels, time_notes, lost = regular(time, quantum, channels, str(path))
+    notes = [*table.notes, *notes, *clock_notes, *cell_notes, *_implausible(columns, cells), *sign_notes, *time_notes]
     for to_ship in (at_origin, with_true_wind):
         channels, changes = to_ship(channels, layout, str(path))
         notes += changes
     time, channels, scale_notes = full_scale(time, channels, layout.froude)
     variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in channels.items()}
-    attrs = {"reading": "\n".join([*notes, *scale_notes])}
+    attrs: dict[str, Any] = {"reading": "\n".join([*notes, *scale_notes])}
+    if lost:
+        attrs["rows_lost"] = lost
     if layout.speeds == OVER_GROUND:
         attrs["speeds"] = OVER_GROUND
     if layout.facility:
@@ -98,17 +104,9 @@ class TextTable:
 
 def _text(path: Path) -> str:
     try:
-        raw = path.read_bytes()
-        if raw[:2] == b"\x1f\x8b":
-            raw = gzip.decompress(raw)
-        return utf8(raw)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        reason = f"its gzip data are damaged ({error}); copy it again"
-    except OSError as error:
-        reason = f"{error.strerror or error}; check the path"
-    except EncodingError as error:
-        reason = str(error)
-    raise TrialError(f"The trial {path} cannot be read: {reason}.")
+        return file_text(path)
+    except TextError as error:
+        raise TrialError(f"The trial {path} cannot be read: {error}.") from None
 
 
 def text_table(path: Path, layout: TrialFormat) -> TextTable:
@@ -194,6 +192,26 @@ def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[
         if len(cells) < n or any(map(str.strip, cells[n:])):
             raise TrialError(f"{path}, line {number}: the header has {n} columns, found {len(cells)}; mend it.")
     return filled, notes
+
+
+def _with_nanoseconds(table: TextTable) -> TextTable:
+    """Table whose nanoseconds are decimals of the seconds beside them."""
+    headings, rows, notes = list(table.headings), table.rows, list(table.notes)
+    for seconds, nanoseconds in nanosecond_columns(headings).items():
+        with suppress(ValueError):
+            stamps = [f"{int(row[seconds])}.{int(row[nanoseconds]):09d}" for row in rows]
+            rows = [[*row[:seconds], stamp, *row[seconds + 1 :]] for row, stamp in zip(rows, stamps, strict=True)]
+            notes.append(f"{headings[nanoseconds]!r} added to {headings[seconds]!r}.")
+            headings[nanoseconds] = ""
+    return replace(table, headings=headings, rows=rows, notes=notes)
+
+
+def _stamps(table: TextTable, column: Column) -> list[str]:
+    """Stamps if most of them are text, empty where missing; no item if most are numbers."""
+    stamps = [row[column.index].strip() for row in table.rows]
+    stamps = ["" if stamp.lower() in _MISSING else stamp for stamp in stamps]
+    texts = sum(not _is_number(stamp) for stamp in stamps if stamp)
+    return stamps if texts > 0.5 * sum(map(bool, stamps)) else []
 
 
 def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tuple[dict[str, np.ndarray], list[str]]:

@@ -5,21 +5,39 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator
 from decimal import Decimal
+from typing import NamedTuple
 
 import numpy as np
 
 from pymc_ship.machine.errors import TrialError
+from pymc_ship.records.files.interpolation import (
+    Channels,
+    Rows,
+    interpolated,
+    longest_fill,
+    on_one_base,
+    typical_step,
+    without_repeated_rows,
+)
 from pymc_ship.trial.channels import SIMULATED
 from pymc_ship.trial.record import is_uniform
 
-FILLED_SAMPLES, FILLED_SECONDS = 5, 2.0  # longest run of missing samples that is interpolated, the longer of the two
 _STRAY_FRACTION = 0.01  # largest fraction of rows out of order that are dropped one by one; more are a new run
+_NEIGHBOURS = 20  # rows before and after a step back that show whether the clock runs on from there
 _REPEATED_FRACTION = 0.1  # of stamps, from which the clock is coarse
 _FEWEST_DIGITS = 3  # significant digits of a stamp
 _MOST_SAMPLES = 10  # largest ratio of samples after and before resampling
 
-Channels = dict[str, np.ndarray]
-Rows = tuple[np.ndarray, np.ndarray, Channels]
+_DEAREST = {"x": 0.1, "y": 0.1}  # fraction of rows that a channel may cost before it is left out; 0.5 for others
+
+
+class Regular(NamedTuple):
+    """Uniform time [s], finite channels, a sentence on each change, and the fraction of the rows that are lost."""
+
+    time: np.ndarray
+    channels: Channels
+    notes: list[str]
+    lost: float
 
 
 def rounding(cells: np.ndarray) -> np.ndarray:
@@ -34,28 +52,32 @@ def rounding(cells: np.ndarray) -> np.ndarray:
     return quantum
 
 
-def regular(
-    time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str
-) -> tuple[np.ndarray, Channels, list[str]]:
-    """Uniform time, finite channels, and a sentence on each change.
+def regular(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str) -> Regular:
+    """Channels over uniform time, each interpolated on its own stamps.
 
     ``time`` are the stamps [s] and ``quantum`` their resolution [s]; NaN marks missing stamps and cells. TrialError for
     fewer than two complete samples or very uneven sampling; ``where`` names the file.
     """
     notes: list[str] = []
-    keep = np.isfinite(time)
+    keep, rows = np.isfinite(time), time.size
     if not keep.all():
         notes.append(f"{_count((~keep).sum(), 'row')} without a time left out.")
         time, quantum, channels = _rows(keep, time, quantum, channels)
-    for step in (_increasing, _fill_short_gaps, _longest_piece):
+    left = 1.0
+    for step in (_increasing, without_repeated_rows, on_one_base, _fill_short_gaps, _longest_piece):
+        if time.size < 2:
+            break
         time, quantum, channels, note = step(time, quantum, channels)
         notes += note
+        if step not in (without_repeated_rows, on_one_base):
+            left *= time.size / rows
+        rows = time.size
     if time.size < 2 or not channels:
         raise TrialError(f"{where}: a trial has at least two complete rows, found {time.size}; check its cells.")
-    if is_uniform(time):
-        return time, channels, notes
-    time, channels, change = _uniform(time, quantum, channels, where)
-    return time, channels, [*notes, change]
+    if not is_uniform(time):
+        time, channels, change = _uniform(time, quantum, channels, where)
+        notes.append(change)
+    return Regular(time, channels, notes, 1.0 - left)
 
 
 def _count(number: int, noun: str) -> str:
@@ -72,7 +94,7 @@ def _increasing(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tu
     if not back.size:
         return time, quantum, channels, []
     keep = _longest_increasing(time.tolist())
-    if keep.size >= (1.0 - _STRAY_FRACTION) * time.size - 1.0:
+    if keep.size >= (1.0 - _STRAY_FRACTION) * time.size - 1.0 and not _is_set_back(time, channels):
         stray = _count(time.size - keep.size, "row")
         note = f"{stray} out of the order of time left out, the first near t = {time[back[0]]:g} s."
     else:
@@ -85,6 +107,20 @@ def _increasing(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tu
             "for the rest."
         )
     return *_rows(keep, time, quantum, channels), [note]
+
+
+def _is_set_back(time: np.ndarray, channels: Channels) -> bool:
+    """Whether the clock runs on after a step back by two rows or more, which are not a copy of earlier rows."""
+    step = typical_step(np.sort(time))
+    table = np.column_stack([time, *channels.values()])
+    ahead = time - step * np.arange(time.size)
+    for k in np.flatnonzero(np.diff(time) < 0.0) + 1:
+        before, after = ahead[max(k - _NEIGHBOURS, 0) : k], ahead[k : k + _NEIGHBOURS]
+        shift = np.median(after) - np.median(before)
+        copied = (np.nan_to_num(table[:k]) == np.nan_to_num(table[k])).all(axis=1).any()
+        if shift < -1.5 * step and not copied and min(before.size, after.size) == _NEIGHBOURS:
+            return True
+    return False
 
 
 def _longest_increasing(stamps: list[float]) -> np.ndarray:
@@ -106,36 +142,22 @@ def _longest_increasing(stamps: list[float]) -> np.ndarray:
     return np.array(chain[::-1])
 
 
-def typical_step(time: np.ndarray) -> float:
-    """Sampling interval [s] of stamps with repetitions and gaps."""
-    steps = np.diff(time)
-    if (steps > 0.0).all():
-        return float(np.median(steps))
-    width = min(time.size - 1, max(50, time.size // 20))
-    return float(np.median(time[width:] - time[:-width]) / width)
-
-
-def _longest_fill(time: np.ndarray) -> float:
-    return 1.001 * max((FILLED_SAMPLES + 1) * typical_step(time), FILLED_SECONDS)
-
-
 def _fill_short_gaps(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
     """Short runs of missing cells interpolated; rows of long runs and channels that miss most cells dropped."""
-    if time.size < 2:
-        return time, quantum, channels, []
     keep, filled, notes = np.ones(time.size, dtype=bool), {}, []
     for name, values in channels.items():
         missing = ~np.isfinite(values)
         if not missing.any():
             filled[name] = values
             continue
-        short = _short_runs(missing, time, _longest_fill(time))
+        short = _short_runs(missing, time, longest_fill(time))
         long = missing & ~short
-        if long.sum() > 0.5 * time.size or (name not in SIMULATED and long.any()) or missing.all():
+        dearest = _DEAREST.get(name, 0.5 if name in SIMULATED else 0.0)
+        if long.sum() > dearest * time.size or missing.all():
             notes.append(f"{name} left out: {missing.sum()} of {time.size} cells are missing.")
             continue
         index = np.arange(time.size)
-        filled[name] = np.where(short, np.interp(index, index[~missing], values[~missing]), values)
+        filled[name] = np.where(short, interpolated(name, index, index[~missing], values[~missing]), values)
         if short.any():
             notes.append(f"{name}: {short.sum()} of {time.size} cells missing, filled by interpolation.")
         if long.any():
@@ -157,9 +179,7 @@ def _short_runs(missing: np.ndarray, time: np.ndarray, longest: float) -> np.nda
 
 def _longest_piece(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
     """Longest piece between two gaps too long to be interpolated."""
-    if time.size < 2:
-        return time, quantum, channels, []
-    limit = _longest_fill(time)
+    limit = longest_fill(time)
     cuts = np.flatnonzero(np.diff(time) > limit + quantum[1:]) + 1
     if not cuts.size:
         return time, quantum, channels, []
@@ -185,7 +205,7 @@ def _uniform(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: s
             continue
         begin, step = line
         grid, jumps = np.arange(positions[-1] + 1), np.diff(positions)
-        resampled = {name: np.interp(grid, positions, values) for name, values in channels.items()}
+        resampled = {name: interpolated(name, grid, positions, values) for name, values in channels.items()}
         change = np.abs(begin + step * positions - time).max()
         note = []
         if change > 1e-3 * step:
@@ -211,7 +231,7 @@ def _resample(time: np.ndarray, channels: Channels, where: str, step_range: str)
     if not count < _MOST_SAMPLES * first.size:
         raise TrialError(f"{where}: the sampling is too uneven to be resampled, found {step_range}; correct its time.")
     grid = time[0] + step * np.arange(int(count + 1e-6) + 1)
-    resampled = {name: np.interp(grid, time, values[first]) for name, values in channels.items()}
+    resampled = {name: interpolated(name, grid, time, values[first]) for name, values in channels.items()}
     note = f"{_count(repeated, 'row')} with repeated time stamps left out; " if repeated else ""
     return grid, resampled, f"{note}{step_range}: resampled to the mean step of {step:.7g} s by interpolation."
 

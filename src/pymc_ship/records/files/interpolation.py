@@ -1,0 +1,130 @@
+"""Channels of a table on one time base: each is interpolated on its own stamps, angles and ordered angles as such."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pymc_ship.trial.record import second_difference_sd
+
+FILLED_SAMPLES, FILLED_SECONDS = 5, 2.0  # longest run of missing samples that is interpolated, the longer of the two
+_HELD = 0.8  # fraction of equal neighbours from which a rudder record is a sequence of orders
+_SIGNAL = 5.0  # standard deviations of the noise from which the change of a channel dates its rows
+_COVERED = 0.9  # fraction of a record from which a channel sets its ends
+_REPEATED = 1.5  # rows with the same stamp, in the mean, from which they are compared
+
+Channels = dict[str, np.ndarray]
+Rows = tuple[np.ndarray, np.ndarray, Channels]
+
+
+def typical_step(time: np.ndarray) -> float:
+    """Sampling interval [s] of stamps with repetitions and gaps."""
+    steps = np.diff(time)
+    if (steps > 0.0).all():
+        return float(np.median(steps))
+    width = min(time.size - 1, max(50, time.size // 20))
+    return float(np.median(time[width:] - time[:-width]) / width)
+
+
+def longest_fill(time: np.ndarray) -> float:
+    """Longest gap [s] in stamps that is interpolated."""
+    return 1.001 * max((FILLED_SAMPLES + 1) * typical_step(time), FILLED_SECONDS)
+
+
+def interpolated(name: str, at: np.ndarray, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Channel at other stamps: linear; an ordered rudder keeps its last value, the wind turns the short way."""
+    if name == "delta" and _is_ordered(values):
+        last = np.searchsorted(stamps, at + 1e-9 * np.ptp(stamps), side="right") - 1
+        return values[np.clip(last, 0, None)]
+    if name == "wind_direction":
+        return np.interp(at, stamps, np.unwrap(values)) % (2.0 * np.pi)
+    return np.interp(at, stamps, values)
+
+
+def _is_ordered(values: np.ndarray) -> bool:
+    """Whether a rudder record changes in single steps with a rest on both sides, as orders do."""
+    moves = np.diff(values) != 0.0
+    return bool(moves.any() and moves.mean() < 1.0 - _HELD and not (moves[1:] & moves[:-1]).any())
+
+
+def on_one_base(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
+    """Rows of the fastest channel if others have fewer cells; with one sensor a row, a uniform base of its interval.
+
+    Cells in gaps of a channel that are too long to be interpolated are NaN.
+    """
+    known = {name: np.flatnonzero(np.isfinite(values)) for name, values in channels.items()}
+    spacing = {name: float(np.median(np.diff(rows))) for name, rows in known.items() if rows.size > 1}
+    slow = [name for name, rows in spacing.items() if rows > 1.0]
+    if not slow:
+        return time, quantum, channels, []
+    steps = {name: typical_step(time[known[name]]) for name in spacing}
+    fastest = max(spacing, key=lambda name: known[name].size)
+    step, one_sensor = steps[fastest], spacing[fastest] > 1.0
+    begin, end = _common_span(time, [rows[[0, -1]] for rows in known.values() if rows.size > 1])
+    if not 0.0 < step < end - begin:
+        return time, quantum, channels, []
+    if one_sensor:
+        base = begin + step * np.arange(int((end - begin) / step + 1e-6) + 1)
+        base_quantum, note = (
+            np.zeros(base.size),
+            f"The rows have one sensor each: channels interpolated to {step:.4g} s",
+        )
+    else:
+        rows = known[fastest]
+        rows = rows[(time[rows] >= begin) & (time[rows] <= end)]
+        base, base_quantum = time[rows], quantum[rows]
+        note = f"{', '.join(slow)} interpolated to the stamps of {fastest}"
+    based = {}
+    for name, values in channels.items():
+        if known[name].size < 2:
+            based[name] = np.full(base.size, np.nan)
+        elif name in slow:
+            based[name] = _without_long_gaps(name, base, time[known[name]], values[known[name]])
+        else:
+            based[name] = values[rows]
+    late = [f"{name} every {steps[name]:.3g} s" for name in slow if steps[name] > 1.5 * step]
+    return base, base_quantum, based, ["; ".join([note, *late]) + "."]
+
+
+def _common_span(time: np.ndarray, ends: list[np.ndarray]) -> tuple[float, float]:
+    """First and last time of all channels that cover most of the record, by the rows of the ends of each."""
+    edge = (1.0 - _COVERED) * (time[-1] - time[0])
+    firsts, lasts = (time[[pair[k] for pair in ends]] for k in (0, 1))
+    covers = (firsts <= time[0] + edge) & (lasts >= time[-1] - edge)
+    if not covers.any():
+        return float(time[0]), float(time[-1])
+    return float(firsts[covers].max()), float(lasts[covers].min())
+
+
+def _without_long_gaps(name: str, at: np.ndarray, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Channel at other stamps; NaN outside its own and in gaps that are too long."""
+    after = np.clip(np.searchsorted(stamps, at), 1, stamps.size - 1)
+    outside = (at < stamps[0]) | (at > stamps[-1])
+    gap = (stamps[after] - stamps[after - 1] > longest_fill(stamps)) & (at > stamps[after - 1]) & (at < stamps[after])
+    return np.where(outside | gap, np.nan, interpolated(name, at, stamps, values))
+
+
+def without_repeated_rows(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
+    """One row for each stamp where rows of the same stamp show the same instant.
+
+    Between such rows the channels do not advance; between samples of a coarse clock they advance evenly.
+    """
+    begins = np.flatnonzero(np.diff(time, prepend=-np.inf) > 0.0)
+    if time.size < _REPEATED * begins.size or begins.size < 10:
+        return time, quantum, channels, []
+    advances = [_advance(values, begins) for values in channels.values() if np.isfinite(values).all()]
+    told = [advance for advance in advances if np.isfinite(advance)]
+    if not told or max(told) > 0.5:
+        return time, quantum, channels, []
+    note = f"{time.size - begins.size} of {time.size} rows repeat stamp and motion of the row before: left out."
+    return time[begins], quantum[begins], {name: values[begins] for name, values in channels.items()}, [note]
+
+
+def _advance(values: np.ndarray, begins: np.ndarray) -> float:
+    """Change from the first to the last row of a stamp over that of even samples; NaN if noise hides it."""
+    counts = np.diff(np.append(begins, values.size))
+    means = np.add.reduceat(values, begins) / counts
+    even = 0.5 * (means[2:] - means[:-2]) * (1.0 - 1.0 / counts[1:-1])
+    within = (values[begins + counts - 1] - values[begins])[1:-1]
+    if not np.std(even) > _SIGNAL * second_difference_sd(means[None])[0]:
+        return np.nan
+    return float(within @ even / (even @ even))

@@ -1,0 +1,169 @@
+"""Clocks of loggers: each is read as the seconds that passed, and a sentence says how."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from tests.records.files.cases import written
+from tests.sentences import refused
+
+BEGIN = datetime(2024, 2, 28, 23, 58, 30, tzinfo=UTC)
+STEP, COUNT = 0.5, 400  # past midnight, to the 29th
+
+
+def stamps(form, begin=BEGIN, step=STEP, count=COUNT):
+    """Stamps as text, by a function of the date."""
+    return [form(begin + timedelta(seconds=step * k)) for k in range(count)]
+
+
+def dated(pattern, decimals=1):
+    """Function that prints a date, %f with some decimals."""
+    return lambda date: date.strftime(pattern.replace("%f", f"{date.microsecond:06d}"[:decimals]))
+
+
+def epoch(factor):
+    return lambda date: f"{round((date - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds() * factor)}"
+
+
+def days(first, digits=8):
+    return lambda date: f"{(date - first).total_seconds() / 86400.0:.{digits}f}"
+
+
+def motion(time):
+    """Speed, track, heading and yaw rate that agree."""
+    rate = 0.02 * np.sin(0.05 * time)
+    psi = 0.4 * (1.0 - np.cos(0.05 * time))
+    step = np.diff(time, prepend=time[0])
+    return {
+        "u": np.full(time.size, 7.0),
+        "r": rate,
+        "psi": psi,
+        "x": np.cumsum(7.0 * np.cos(psi) * step),
+        "y": np.cumsum(7.0 * np.sin(psi) * step),
+    }
+
+
+def table(cells, heading="time", channels=None, delimiter=";"):
+    """Text of a trial file with such stamps."""
+    channels = motion(STEP * np.arange(len(cells))) if channels is None else channels
+    lines = written(channels, delimiter).splitlines()
+    return "\n".join([heading + delimiter + lines[0], *map(delimiter.join, zip(cells, lines[1:], strict=True))]) + "\n"
+
+
+EXCEL = datetime(1899, 12, 30, tzinfo=UTC)
+
+CLOCKS = {
+    "ISO 8601": (dated("%Y-%m-%dT%H:%M:%S.%fZ"), "dates and times, counted from 2024-02-28 23:58:30 UTC"),
+    "with a zone": (dated("%Y-%m-%d %H:%M:%S.%f+05:30"), "dates and times, counted from 2024-02-28 18:28:30 UTC"),
+    "decimal comma": (dated("%Y-%m-%d %H:%M:%S,%f"), "dates and times"),
+    "basic": (dated("%Y%m%dT%H%M%S.%fZ"), "dates and times"),
+    "slashes": (dated("%Y/%m/%d %H:%M:%S.%f"), "dates and times"),
+    "day first": (dated("%d.%m.%Y %H:%M:%S.%f"), "dates and times"),
+    "month first": (dated("%m/%d/%Y %I:%M:%S.%f %p"), "dates and times"),
+    "zone name": (dated("%Y-%m-%d %H:%M:%S.%f UTC"), "dates and times"),
+    "time of day": (dated("%H:%M:%S.%f"), "hours, minutes and seconds, counted from 23:58:30.0"),
+    "am and pm": (dated("%I:%M:%S.%f %p"), "hours, minutes and seconds"),
+    "minutes": (dated("%M:%S.%f"), "minutes and seconds, counted from 58:30.0"),
+    "hhmmss": (dated("%H%M%S.%f"), "hhmmss, as a step of 40.5 at a full minute are 0.5 s; counted from 235830.00"),
+    "yyyymmddhhmmss": (dated("%Y%m%d%H%M%S.%f"), "dates as yyyymmddhhmmss, counted from 2024-02-28 23:58:30"),
+    "epoch ms": (epoch(1e3), "ms since 1970, counted from 2024-02-28 23:58:30 UTC"),
+    "epoch us": (epoch(1e6), "us since 1970"),
+    "epoch ns": (epoch(1e9), "ns since 1970"),
+    "spreadsheet": (days(EXCEL), "days as in a spreadsheet"),
+    "days since year 1": (days(datetime(1, 1, 1, tzinfo=UTC)), "days as in a spreadsheet"),
+}
+
+
+@pytest.mark.parametrize("name", CLOCKS)
+def test_a_clock_counts_from_its_first_stamp(read, name):
+    form, sentence = CLOCKS[name]
+    trial = read(table(stamps(form)))
+    np.testing.assert_allclose(trial["time"], STEP * np.arange(COUNT), atol=2e-3)
+    np.testing.assert_allclose(trial["r"], motion(STEP * np.arange(COUNT))["r"], atol=1e-5)
+    assert sentence in trial.attrs["reading"]
+
+
+def test_seconds_since_1970_without_and_with_nanoseconds(read):
+    seconds = np.array(stamps(epoch(2.0)), dtype=float) / 2.0
+    trial = read(table([f"{second:.1f}" for second in seconds], "Timestamp"))
+    np.testing.assert_allclose(trial["time"], STEP * np.arange(COUNT), atol=1e-6)
+    cells = [f"{second // 1:.0f};{second % 1 * 1e9:.0f}" for second in seconds]
+    trial = read(table(cells, "header.stamp.secs;header.stamp.nsecs"))
+    np.testing.assert_allclose(trial["time"], STEP * np.arange(COUNT), atol=1e-6)
+    assert "'header.stamp.nsecs' added to 'header.stamp.secs'." in trial.attrs["reading"]
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"), [("ms", 1e-3), ("us", 1e-6), ("min", 60.0), ("h", 3600.0), ("days", 86400.0)]
+)
+def test_track_and_speed_tell_the_unit(read, unit, size):
+    time = STEP * np.arange(COUNT)
+    trial = read(table([repr(second / size) for second in time.tolist()]))
+    np.testing.assert_allclose(trial["time"], time, rtol=1e-9, atol=1e-9)
+    assert f"read in {unit}, in which track and speed agree; if not, state [columns] time" in trial.attrs["reading"]
+
+
+def test_heading_and_yaw_rate_tell_it_without_a_track(read):
+    channels = {name: motion(STEP * np.arange(COUNT))[name] for name in ("psi", "r")}
+    trial = read(table([str(500 * k) for k in range(COUNT)], channels=channels))
+    assert trial["time"].values[-1] == pytest.approx(STEP * (COUNT - 1))
+    assert "read in ms, in which heading and yaw rate agree" in trial.attrs["reading"]
+
+
+def test_without_both_the_sampling_does_and_the_format_decides(read):
+    channels = {"u": motion(STEP * np.arange(COUNT))["u"]}
+    text = table([str(500 * k) for k in range(COUNT)], channels=channels)
+    trial = read(text)
+    assert trial["time"].values[-1] == pytest.approx(STEP * (COUNT - 1))
+    assert "read in ms: in s there were 500 s between samples; if not, state [columns] time" in trial.attrs["reading"]
+    stated = read(text, format={"columns": {"time": {"column": "time", "unit": "s"}}})
+    assert stated["time"].values[-1] == 500.0 * (COUNT - 1)
+    assert read(text.replace("time;", "time [s];"))["time"].values[-1] == 500.0 * (COUNT - 1)
+
+
+@pytest.mark.parametrize(
+    ("begin", "period", "unit"), [(86300.0, 86400.0, "s"), (604700.0, 604800.0, "s"), (4294800, 4294967.296, "ms")]
+)
+def test_a_counter_that_starts_again_goes_on(read, begin, period, unit):
+    cells = [f"{(begin + STEP * k) % period:.4f}" for k in range(COUNT)]
+    cells = cells if unit == "s" else [f"{1e3 * float(cell):.0f}" for cell in cells]
+    trial = read(table(cells, f"time [{unit}]"))
+    np.testing.assert_allclose(trial["time"], begin + STEP * np.arange(COUNT), atol=1e-3)
+    assert f"the clock starts again 1 time, as at midnight; {period:g} s added" in trial.attrs["reading"]
+
+
+@pytest.mark.parametrize("back", [3.0, 3600.0])
+def test_a_clock_set_back_is_named(read, back):
+    begin = datetime(2024, 10, 27, 2, 59, 0)
+    cells = [f"{begin + timedelta(seconds=k - back * (k >= 250)):%Y-%m-%d %H:%M:%S}" for k in range(COUNT)]
+    trial = read(table(cells))
+    assert trial.sizes["time"] == 250
+    assert "Time goes back 1 time, the first at t = 249 s" in trial.attrs["reading"]
+
+
+@pytest.mark.parametrize("step", [20.0, 100.0])
+def test_round_stamps_in_seconds_are_no_hhmmss(read, step):
+    time = step * np.arange(COUNT)
+    trial = read(table([f"{second:.0f}" for second in time], channels=motion(time)))
+    np.testing.assert_array_equal(trial["time"], time)
+    assert trial.attrs["reading"] == ""
+
+
+def test_a_file_with_two_clocks_takes_one(read):
+    cells = [f"{STEP * k};{stamp}" for k, stamp in enumerate(stamps(dated("%H:%M:%S")))]
+    trial = read(table(cells, "Time [s];UTC"))
+    np.testing.assert_array_equal(trial["time"], STEP * np.arange(COUNT))
+    assert "Columns left out: UTC." in trial.attrs["reading"]
+
+
+def test_a_stamp_that_is_none_is_named(read):
+    cells = stamps(dated("%Y-%m-%dT%H:%M:%SZ"))
+    cells[7] = "soon"
+    with refused(ps.TrialError, 9, "soon"):
+        read(table(cells))
+    cells[7] = ""
+    assert "1 row without a time left out." in read(table(cells)).attrs["reading"]
