@@ -49,6 +49,16 @@ def fixed_point(decimals: int) -> Callable[[Any], str]:
     return formatter
 
 
+def at_least(decimals: int) -> Callable[[Any], str]:
+    """Formatter with decimals; "< 0.01" for a positive value that would round to 0."""
+    plain, least = fixed_point(decimals), 10.0**-decimals
+
+    def formatter(value: Any) -> str:
+        return f"< {plain(least)}" if 0.0 < value < 0.5 * least else plain(value)
+
+    return formatter
+
+
 def percent(fraction: float) -> str:
     """A fraction in percent, with the digits it has."""
     return f"{100.0 * fraction:g} %"

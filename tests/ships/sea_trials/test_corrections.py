@@ -15,6 +15,7 @@ from pymc_ship.trial.record import OVER_GROUND
 from tests.ships.ensemble.cases import ship_of
 from tests.ships.sea_trials.cases import CURRENT, WIND, run_record, ship, tanker
 
+DAY = {"form": {"date": "2026-05-04"}}
 CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
 
 
@@ -47,7 +48,7 @@ def calm():
 
 @pytest.fixture(scope="module")
 def corrected(day):
-    return ps.sea_trial(day, tanker(), ship=ship(), rng=1)
+    return ps.sea_trial(day, tanker(), ship=ship(), conditions=DAY, rng=1)
 
 
 @pytest.mark.parametrize(
@@ -101,9 +102,39 @@ def test_without_a_turn_angles_have_an_uncertainty_and_distances_none():
     assert any("as no run gives it" in remark for remark in result.remarks)
 
 
-def test_a_zigzag_takes_the_current_of_the_turn(measured):
-    result = measured
-    np.testing.assert_array_equal(result.currents["zigzag"].velocity, result.currents["circle"].velocity)
+def test_a_zigzag_of_the_day_takes_the_current_of_the_turn(corrected):
+    np.testing.assert_array_equal(corrected.currents["zigzag"].velocity, corrected.currents["circle"].velocity)
+    assert corrected.currents["zigzag"].speed == pytest.approx(CURRENT[0], abs=0.05)
+    assert rows_of(corrected, "zigzag")["initial_turning_distance"]["corrected_for"] == "drift and wind"
+
+
+def test_drift_in_wind_or_of_an_unknown_day_is_of_its_own_run(day, measured):
+    """In the twin of one day without wind the zigzag takes the drift."""
+    other_day = ps.sea_trial(day, tanker(), ship=ship(), rng=1)
+    in_wind = ps.sea_trial(day, tanker(), conditions=DAY, rng=1)
+    for result, reason in ((other_day, "no date states"), (measured, "that of their wind"), (in_wind, "of their wind")):
+        assert set(result.currents) == {"circle"}
+        assert any(reason in remark and "not subtracted from zigzag" in remark for remark in result.remarks)
+        row = rows_of(result, "zigzag")["initial_turning_distance"]
+        assert row["without_current"] == row["raw"]
+        assert "drift" not in row["corrected_for"]
+    assert any("that of current and wind together" in remark for remark in in_wind.remarks)
+    calm = {name: run.drop_vars(["wind_speed", "wind_direction"]) for name, run in day.items()}
+    assert set(ps.sea_trial(calm, tanker(), conditions=DAY, rng=1).currents) == {"circle", "zigzag"}
+
+
+def test_a_drift_below_its_own_error_is_not_subtracted():
+    """In a current of 0.6 m/s the twin is corrected; positions have an error of 8 m."""
+    rng = np.random.default_rng(4)
+    for current, name in (((0.002, 90.0), "nothing"), ((0.6, 90.0), "drift")):
+        run = run_record(CIRCLE, 2400, wind=None, current=current)
+        noise = {key: run[key] + 8.0 * rng.standard_normal(run.sizes["time"]) for key in ("x", "y")}
+        result = ps.sea_trial({"circle": run.assign(noise)}, tanker(), rng=1)
+        row = rows_of(result, "circle")["tactical_diameter"]
+        assert row["corrected_for"] == name
+        assert (row["corrected"] == row["raw"]) == (name == "nothing")
+        assert np.isfinite(row["U"])
+        assert any("not larger than its own error" in remark for remark in result.remarks) == (name == "nothing")
 
 
 def test_another_loading_is_that_of_a_ship_as_far_from_its_formulae(calm):
@@ -175,7 +206,7 @@ def test_the_scatter_of_circles_is_in_the_current_of_other_runs():
         "more": run_record(ps.turning_circle(35, side="starboard"), 2400, wind=None, current=(0.5, 90.0)),
         "zigzag": run_record(ZIGZAG, 900, wind=None),
     }
-    result = ps.sea_trial(runs, tanker(), rng=1).currents
+    result = ps.sea_trial(runs, tanker(), conditions=DAY, rng=1).currents
     assert result["zigzag"].velocity[1] == pytest.approx(0.4, abs=0.01)
     assert result["zigzag"].sd[1] == pytest.approx(0.2 / np.sqrt(2.0), abs=0.01)
     assert result["east"].sd[1] < 0.02

@@ -30,7 +30,15 @@ def page(result, tmp_path_factory):
 
 def test_the_page_has_the_form_conditions_corrections_and_figures(page):
     text = page.read_text(encoding="utf-8")
-    for words in ("appendix 6", "made by a test", "tactical diameter", "above 4", "straight is left out", "U = 2 u_c"):
+    for words in (
+        "appendix 6",
+        "made by a test",
+        "tactical diameter",
+        "above 4",
+        "straight is left out",
+        "U (k = 2)",
+        "corrected for",
+    ):
         assert words in text
     assert text.count("<svg") == 2
     assert {path.name for path in (page.parent / "figures").iterdir()} == {
@@ -66,13 +74,18 @@ def row(value, conformity, side="port", U=0.1, runs=2):
 def test_the_form_has_the_least_favourable_run_and_conformity():
     rows = [row(12.0, "met"), row(19.9, "open"), row(8.0, "met", side="starboard", runs=1)]
     (line,) = [one for one in form_rows(rows) if one["item"] == "zigzag 10/10, first overshoot angle"]
-    assert line["port"] == "19.9 ± 0.1 deg"
-    assert line["starboard"] == "8.0 ± 0.1 deg in one run"
+    assert line["port"] == "19.90 ± 0.10 deg"
+    assert line["starboard"] == "8.00 ± 0.10 deg in one run"
     assert line["conformity"] == "open"
     (lacking,) = [one for one in form_rows(rows) if one["item"] == "zigzag 10/10, second overshoot angle"]
     assert (lacking["port"], lacking["conformity"]) == ("not measured", "")
     (other,) = [one for one in form_rows(rows) if one["item"] == "stopping, track reach"]
     assert (other["port"], other["conformity"]) == ("not run", "")
+
+
+def test_an_uncertainty_that_rounds_to_nothing_is_not_zero():
+    (line, *_) = [one for one in form_rows([row(3.8, "met", U=2.8e-31)]) if one["item"].startswith("zigzag 10/10")]
+    assert line["port"] == "3.80 ± < 0.01 deg"
 
 
 @pytest.fixture(scope="module")

@@ -80,8 +80,8 @@ def corrected_indices(
     -------
     list of dict
         For each index: ``index``, ``units`` (L for distances), ``raw``, ``without_current``, ``ratio`` F / B (1 without
-        a model), ``corrected``, ``limit`` of IMO MSC.137(76) (NaN for none), and the deviations ``u_record``,
-        ``u_current`` and ``u_model``, shape (n_draws,), NaN where unknown.
+        a model), ``corrected``, ``corrected_for`` (drift, wind, loading or nothing), ``limit`` of IMO MSC.137(76) (NaN
+        for none), and the deviations ``u_record``, ``u_current`` and ``u_model``, shape (n_draws,), NaN where unknown.
 
     Raises
     ------
@@ -107,6 +107,9 @@ def corrected_indices(
         unit = vessel.particulars.L if distance else 1.0
         ratios = by_model.get(name, unknown if by_model or not model.wind else np.ones(1))
         ratio = float(np.nan_to_num(np.median(ratios), nan=1.0))
+        modelled = {"wind": wind is not None, "loading": model.loaded is not None}
+        causes = ["drift"] if distance and flow.any() else []
+        causes += [cause for cause, applies in modelled.items() if applies and name in by_model]
         value = in_still_water[name] / unit
         rows.append(
             {
@@ -116,6 +119,7 @@ def corrected_indices(
                 "without_current": value,
                 "ratio": ratio,
                 "corrected": value * ratio,
+                "corrected_for": " and ".join(causes) or "nothing",
                 "limit": limits.get(name, np.nan),
                 "u_record": ratio * by_record.get(name, unknown) / unit,
                 "u_current": ratio * by_current.get(name, unknown) / unit if distance else np.zeros(1),

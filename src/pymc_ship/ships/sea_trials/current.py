@@ -18,6 +18,7 @@ from pymc_ship.trial.record import check_trial
 _STEADY = np.pi  # heading change [rad] from which on the turn counts as steady
 _SPACING = np.deg2rad(5.0)  # heading between pairs of positions
 _LEAST = np.deg2rad(630.0)  # least heading change
+_OUTSIDE = 2.448  # radius of the 95 % region of two components [sd]
 _DECAY = (0.1, 3.0)  # bounds of the transient's decay [1/rad of heading]
 
 
@@ -35,6 +36,11 @@ class DriftCurrent:
     velocity: np.ndarray
     sd: np.ndarray
     local: np.ndarray
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether 0 lies outside the 95 % region of the velocity."""
+        return self.speed > _OUTSIDE * float(self.sd.max())
 
     @property
     def speed(self) -> float:

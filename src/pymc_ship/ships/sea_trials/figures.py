@@ -29,7 +29,7 @@ def circles(trials: Mapping[str, xr.Dataset], currents: Mapping[str, DriftCurren
         if name in currents:
             ax.plot(track["y"] / L, track["x"] / L, color=NOISE, label=label)
             track = align_to_first_execute(without_current(smooth, currents[name].velocity))
-            label = "without the current"
+            label = "without the drift"
         ax.plot(track["y"] / L, track["x"] / L, color=BLUE, label=label)
         ax.plot(0.0, 0.0, "o", ms=4, color=RUST, label="rudder put over")
         ax.set_aspect("equal", adjustable="datalim")

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pymc_ship.pages.tables import at_least, fixed_point
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.stopping_tests import LABEL, LARGE, LIMIT
 from pymc_ship.ships.sea_trials.conditions import DRAUGHT_TOLERANCE, NOT_STATED, Conditions, beaufort
@@ -98,9 +99,8 @@ def _least_favourable(rows: Sequence[Mapping], index: str) -> str:
     if not index_runs:
         return "not measured"
     row = max(index_runs, key=lambda run: run["corrected"])
-    decimals = 1 if row["units"] == "deg" else 2
     if not np.isfinite(row["corrected"]):
         return "not reached"
-    uncertainty = f" ± {row['U']:.2g}" if np.isfinite(row["U"]) else ""
+    uncertainty = f" ± {at_least(2)(row['U'])}" if np.isfinite(row["U"]) else ""
     single_run = " in one run" if uncertainty and row["runs"] == 1 else ""
-    return f"{row['corrected']:.{decimals}f}{uncertainty} {row['units']}{single_run}"
+    return f"{fixed_point(2)(row['corrected'])}{uncertainty} {row['units']}{single_run}"

@@ -90,6 +90,7 @@ def spiral_rows(turns: xr.Dataset, limit: float) -> list[dict]:
     rows = []
     for name, units in SPIRAL_INDICES.items():
         row = {"manoeuvre": LABEL, "side": "", "index": name, "units": units, "ratio": 1.0, "limit": np.nan}
+        row["corrected_for"] = "nothing"
         row |= dict.fromkeys(("raw", "without_current", "corrected"), values[name])
         row |= dict.fromkeys(PARTS, np.full(1, np.nan))
         if name == "loop_width":

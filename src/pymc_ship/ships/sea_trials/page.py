@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import fixed_point, heads, number, table
+from pymc_ship.pages.tables import at_least, fixed_point, heads, number, table
 from pymc_ship.ships.sea_trials.figures import circles, spirals, swings
 from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
 
@@ -24,14 +24,16 @@ SOURCES = (
 
 _INDEX = heads(str, run="run", manoeuvre="manoeuvre", index="index", units="")
 _VALUES = (
-    heads(number(3), raw="as measured", without_current="less current")
+    heads(fixed_point(2), raw="as measured", without_current="without drift")
     | heads(fixed_point(3), ratio="F / B")
-    | heads(number(3), corrected="corrected")
-    | heads(number(2), U="U = 2 u_c")
-    | heads(number(3), lower="95 % from", upper="to", limit="limit")
+    | heads(fixed_point(2), corrected="result")
+    | heads(str, corrected_for="corrected for")
+    | heads(at_least(2), U="U (k = 2)")
+    | heads(fixed_point(2), lower="95 % from", upper="to")
+    | heads(number(3), limit="limit")
     | heads(str, conformity="conformity")
 )
-_PARTS = heads(number(2), u_record="record", u_current="current", u_model="model", u_runs="runs", u_c="u_c")
+_PARTS = heads(at_least(3), u_record="record", u_current="drift", u_model="model", u_runs="runs", u_c="u_c")
 _CURRENT = (
     heads(str, run="run")
     | heads(fixed_point(3), speed="speed [m/s]")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +80,8 @@ def sea_trial(
     Parameters
     ----------
     trials : mapping of str to Dataset, or sequence of Dataset
-        Checked and corrected records of one day, by name. Circles of 630 deg or more give the current of all runs.
+        Checked and corrected records, by name. A circle of 630 deg or more gives its own drift; if the conditions state
+        ``form.date``, all runs are of that day and take the mean current.
     vessel : Vessel, str or Path
         At the draught of the trial.
     conditions : str, Path or mapping, optional
@@ -138,7 +139,8 @@ def sea_trial(
     model, model_remarks = _model(ship, vessel, loaded, blowing=bool(winds))
     corrected_winds = winds if model.models and model.wind else {}
     progress("current")
-    currents, current_remarks = _currents(records, manoeuvres, corrected_winds, model)
+    one_day = "date" in trial_conditions.form
+    currents, current_remarks = _currents(records, manoeuvres, winds, model, one_day=one_day)
     rows = []
     for name, manoeuvre in manoeuvres.items():
         progress(f"indices of {name}")
@@ -175,23 +177,46 @@ def _currents(
     manoeuvres: Mapping[str, Manoeuvre],
     winds: Mapping[str, tuple[float, float]],
     model: Model,
+    *,
+    one_day: bool,
 ) -> tuple[dict[str, DriftCurrent], list[str]]:
-    """Current of each run, with the wind drift subtracted, and remarks."""
-    currents, remarks = {}, []
+    """Current of each run and remarks; that of a circle, without its wind drift, is of the other runs of ``one_day``.
+
+    A velocity below its own error is 0, and keeps its uncertainty. Drift in a wind that no model describes is of its
+    own run alone.
+    """
+    currents, remarks, with_wind = {}, [], []
     for name, manoeuvre in manoeuvres.items():
         if manoeuvre.traits.circles:
             try:
                 current = drift_current(trials[name])
-                if name in winds:
+                if name in winds and model.models and model.wind:
                     current = subtract_wind_drift(current, trials[name], manoeuvre, winds[name], model)
-                currents[name] = current
+                elif winds.get(name, (0.0, 0.0))[0] > 0.0:
+                    with_wind.append(name)
             except TrialError as error:
                 remarks.append(f"{name} gives no current: {error}")
+                continue
+            if not current.is_certain:
+                remarks.append(
+                    f"The drift of {name}, {current.speed:.2g} m/s, is not larger than its own error, "
+                    f"{current.sd.max():.2g} m/s in each direction, and is not subtracted."
+                )
+                current = replace(current, velocity=np.zeros(2))
+            currents[name] = current
+    others = [name for name in manoeuvres if name not in currents and {"x", "y"} <= set(trials[name].data_vars)]
     if not currents:
         return {}, [*remarks, "The indices are not corrected for current, as no run gives it; turn through 720 deg."]
-    mean = _mean_current(list(currents.values()))
-    with_track = [name for name in manoeuvres if {"x", "y"} <= set(trials[name].data_vars)]
-    return {name: currents.get(name, mean) for name in with_track}, remarks
+    if with_wind:
+        remarks.append(
+            f"The drift of {', '.join(with_wind)} is that of current and wind together, as no model gives the wind's."
+        )
+    reason = "it includes that of their wind" if with_wind else "no date states that all runs are of one day"
+    if others and (with_wind or not one_day):
+        remedy = "identify the ship with [windage]" if with_wind else "state form.date in the conditions"
+        remarks.append(f"The drift of the circles is not subtracted from {', '.join(others)}: {reason}; {remedy}.")
+        return currents, remarks
+    return currents | dict.fromkeys(others, _mean_current(list(currents.values()))), remarks
 
 
 def _mean_current(currents: Sequence[DriftCurrent]) -> DriftCurrent:
@@ -231,7 +256,10 @@ def _stopping_rows(stop: Mapping[str, float], L: float) -> list[dict]:
     for name, units in STOPPING.items():
         value = stop[name] / (L if units == "m" else 1.0)
         row: dict[str, Any] = {"manoeuvre": LABEL, "side": "", "index": name, "units": "L" if units == "m" else units}
-        row |= dict.fromkeys(("raw", "without_current", "corrected"), value) | {"ratio": 1.0}
+        row |= dict.fromkeys(("raw", "without_current", "corrected"), value) | {
+            "ratio": 1.0,
+            "corrected_for": "nothing",
+        }
         row |= {"limit": LIMIT if name == "track_reach" and np.isfinite(value) else np.nan}
         rows.append(row | dict.fromkeys(PARTS, np.full(1, np.nan)))
     return rows
