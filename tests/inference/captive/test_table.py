@@ -19,7 +19,9 @@ def test_a_row_is_a_motion_and_its_forces(read):
 
 
 def test_a_model_is_brought_to_full_scale(read):
-    tests = read("8,0,0.3,1.2,9.9,0,3e-3,1e-3", "8,0,0.2,1.2,9.9,0,3e-3,1e-3", format={"scale": {"froude": 49.0}})
+    tests = read(
+        "8,0,0.3,1.2,9.9,-1e-4,3e-3,1e-3", "8,0,0.2,1.2,9.9,-1e-4,3e-3,1e-3", format={"scale": {"froude": 49.0}}
+    )
     assert np.hypot(tests["u"], tests["v"]).values[0] == pytest.approx(8.4)
     assert tests["n"].values[0] == pytest.approx(9.9 / 7.0)
     assert tests["r"].values[0] == pytest.approx(0.3 * 8.4 / 320.0)

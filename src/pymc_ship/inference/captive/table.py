@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from pymc_ship.inference.captive.plausibility import check_captive_tests
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -64,7 +65,8 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     Raises
     ------
     TrialError
-        For a file, heading, unit or cell that cannot be read, and speeds far from the nominal one.
+        For a file, heading, unit or cell that cannot be read, speeds far from the nominal one, and forces that no ship
+        has: by their scale, sign or inertia, or not measured.
 
     Examples
     --------
@@ -97,6 +99,7 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
             f"a median of {ratio * nominal:.3g} m/s; give the scale of the model as scale.froude in a format file, or "
             "correct the unit."
         )
+    check_captive_tests(tests, vessel, path, quantities.get("beta", np.zeros(1)))
     rows = np.column_stack([tests[name].values for name in tests])
     first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
     remarks = [f"{len(rows) - first.size} repeated rows are counted once."] if first.size < len(rows) else []

@@ -1,0 +1,163 @@
+"""Plausibility of captive tests: columns that were not measured, wrong units and signs, inertia of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.machine.errors import TrialError
+from pymc_ship.physics.forces.hull_database import bare_hull
+from pymc_ship.physics.forces.terms import SYMBOLS, evaluate
+from pymc_ship.physics.vessel.hull_database import SLENDER_DRAUGHT
+from pymc_ship.physics.vessel.vessel import Vessel
+
+_FORCES = ("X", "Y", "N")
+_FEWEST = 3  # tests of a series that is compared
+_RATIO = 5.0  # largest ratio, either way, of a measured force to that of a similar hull
+_REVOLUTIONS = 10.0  # largest ratio, either way, of the revolutions to the nominal ones
+_LEAST_RUDDER = np.deg2rad(1.0)  # a smaller largest rudder angle is probably a value in rad under deg
+_MOST_DRIFT = 0.4  # largest drift, v/u, that is compared
+_SMALL = 1e-6  # prime motion that counts as none
+_DEGREES = float(np.rad2deg(1.0))
+
+
+def check_captive_tests(tests: xr.Dataset, vessel: Vessel, path: object, beta: np.ndarray) -> None:
+    """Raise TrialError for tests that no ship can have measured.
+
+    ``tests`` are as from :func:`pymc_ship.read_captive`; ``beta`` is the drift angle as read [rad]. Drift and yaw rate
+    are compared with the hull database where three tests vary one of them alone; the rudder is compared in sign.
+    """
+    fault = _columns(tests) or _units(tests, vessel, beta) or _forces(tests, vessel)
+    if fault:
+        raise TrialError(f"{path}: {fault}")
+
+
+def _columns(tests: xr.Dataset) -> str:
+    for name in (name for name in _FORCES if name in tests):
+        values = tests[name].values
+        if not values.any() or (values.size >= _FEWEST and np.allclose(values, values[0], rtol=1e-9, atol=0.0)):
+            return (
+                f"a measured force differs between tests, found {name}' = {values[0]:g} in all {values.size}; leave "
+                "the column out where it was not measured."
+            )
+    return ""
+
+
+def _units(tests: xr.Dataset, vessel: Vessel, beta: np.ndarray) -> str:
+    if (drift := float(np.abs(beta).max(initial=0.0))) > np.pi:
+        return f"the drift angle is at most 180 deg, found {drift:.3g} rad; write its unit as beta [deg]."
+    rudder = float(np.abs(tests["delta"].values).max())
+    if rudder > 0.5 * np.pi:
+        return f"the rudder angle is at most 90 deg, found {rudder:.3g} rad; write its unit as delta [deg]."
+    if 0.0 < rudder < _LEAST_RUDDER:
+        return f"the largest rudder angle is 1 deg or more, found {np.rad2deg(rudder):.2g} deg; write delta [rad]."
+    if "n" in tests and vessel.propeller is not None:
+        ratio = float(np.median(np.abs(tests["n"].values))) / vessel.propeller.n
+        if ratio and not 1.0 / _REVOLUTIONS < ratio < _REVOLUTIONS:
+            return (
+                f"the revolutions are near the ship's nominal {vessel.propeller.n:.3g} 1/s, found a median of "
+                f"{ratio * vessel.propeller.n:.3g} 1/s at full scale; write n [1/min], or correct scale.froude."
+            )
+    return ""
+
+
+def _forces(tests: xr.Dataset, vessel: Vessel) -> str:
+    u, v, r, delta = (tests[name].values for name in ("u", "v", "r", "delta"))
+    ahead = (u > 0.0) & (np.abs(v) < _MOST_DRIFT * u) & (tests["n"].values > 0.0 if "n" in tests else u > 0.0)
+    speed = np.hypot(u, v)
+    motion = {"v": v / speed, "r": r * vessel.particulars.L / speed, "delta": delta}
+    for quantity, check in (("v", _drift), ("r", _yaw), ("delta", _rudder)):
+        others = [np.abs(motion[name]) < _SMALL for name in motion if name != quantity]
+        alone = np.flatnonzero(np.all(others, axis=0) & ahead & (np.abs(motion[quantity]) > _SMALL))
+        if alone.size < _FEWEST:
+            continue
+        # the straight course measures the offset of each force
+        straight = np.flatnonzero(np.all([np.abs(values) < _SMALL for values in motion.values()], axis=0))
+        forces = {}
+        for name in (name for name in ("Y", "N") if name in tests):
+            offset = float(tests[name].values[straight].mean()) if straight.size else 0.0
+            forces[name] = tests[name].values[alone] - offset
+        if fault := check(forces, motion[quantity][alone], vessel):
+            return fault
+    return ""
+
+
+def _hull(vessel: Vessel, quantity: str, values: np.ndarray) -> dict[str, np.ndarray]:
+    """Y' and N' of a similar hull, at one quantity alone."""
+    s = vessel.particulars
+    motion = dict.fromkeys(SYMBOLS, np.zeros(values.size)) | {quantity: values}
+    forces = {}
+    for letter in "YN":
+        known = {
+            name[1:]: law[0]
+            for name, law in bare_hull(s.L, s.B, s.d or SLENDER_DRAUGHT * s.L, s.volume).items()
+            if name[0] == letter and set(name[1:]) == {quantity}
+        }
+        forces[letter] = evaluate(tuple(known), motion) @ np.array(list(known.values()))
+    return forces
+
+
+def _ratio(measured: np.ndarray, expected: np.ndarray) -> float:
+    """Least-squares factor from the expected to the measured forces."""
+    return float(measured @ expected / (expected @ expected))
+
+
+def _drift(forces: Mapping[str, np.ndarray], v: np.ndarray, vessel: Vessel) -> str:
+    hull = _hull(vessel, "v", v)
+    for name, measured in forces.items():
+        ratio = _ratio(measured, hull[name])
+        if ratio < 0.0 and name == "Y":
+            return (
+                f"Y' opposes the drift of every hull, found {ratio:.2g} times that of a similar hull; beta is "
+                "arctan(-v/u), v to starboard: change the sign of beta, or that of Y'."
+            )
+        if ratio > 0.0 and not 1.0 / _RATIO < ratio < _RATIO:
+            return _of_scale(f"{name}' in drift", ratio, vessel, "beta")
+    return ""
+
+
+def _yaw(forces: Mapping[str, np.ndarray], r: np.ndarray, vessel: Vessel) -> str:
+    hull = _hull(vessel, "r", r)
+    if "N" in forces and (ratio := _ratio(forces["N"], hull["N"])) < 0.0:
+        return (
+            f"N' damps the yaw rate of every hull, found {ratio:.2g} times that of a similar hull; r turns the bow to "
+            "starboard: change the sign of r, or that of N'."
+        )
+    if "N" in forces and not 1.0 / _RATIO < ratio < _RATIO:
+        return _of_scale("N' in yaw", ratio, vessel, "r")
+    if "Y" in forces:
+        slope, usual = _ratio(forces["Y"], r), _ratio(hull["Y"], r)
+        if abs(slope - usual + vessel.m) < abs(slope - usual):
+            return (
+                f"Y' is without the model's own mass, found Y'/r' = {slope:.3g}, near {usual:.3g} of a similar hull "
+                f"less its mass {vessel.m:.3g}; add m' r' to Y' and m' x_G' r' to N'."
+            )
+    return ""
+
+
+def _rudder(forces: Mapping[str, np.ndarray], delta: np.ndarray, vessel: Vessel) -> str:
+    for name, sign in (("Y", 1.0), ("N", -1.0)):
+        if name in forces and sign * _ratio(forces[name], delta) < 0.0:
+            return (
+                f"a rudder to port pushes the stern to starboard, found {name}' of the other sign; set "
+                "frame.rudder_positive in a format file, or change the sign of the force."
+            )
+    return ""
+
+
+def _of_scale(force: str, ratio: float, vessel: Vessel, motion: str) -> str:
+    """Sentence on a force of another scale, with the most likely reason."""
+    slenderness = vessel.particulars.L / (vessel.particulars.d or SLENDER_DRAUGHT * vessel.particulars.L)
+    reasons = {
+        slenderness: 'the forces are over L d: set frame.forces = "Ld" in a format file',
+        1.0 / slenderness: 'the forces are over L2: set frame.forces = "L2" in a format file',
+        _DEGREES: f"{motion} is in rad: write its unit",
+        1.0 / _DEGREES: f"{motion} is in deg: write its unit",
+    }
+    nearest = min(reasons, key=lambda factor: abs(np.log(ratio / factor)))
+    return (
+        f"{force} is of the order of that of a similar hull, found {ratio:.2g} times as much; perhaps "
+        f"{reasons[nearest]}."
+    )

@@ -1,0 +1,105 @@
+"""Captive tests with a wrong unit, sign or scale, with the model's own mass, or without a measurement."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.physics.motion.captive import captive_test_forces
+from pymc_ship.physics.vessel.vessel import reference_coefficients
+
+DRIFT, YAW, RUDDER = (
+    np.deg2rad([-12.0, -8.0, -4.0, 4.0, 8.0, 12.0]),
+    (-0.5, -0.3, 0.3, 0.5),
+    np.deg2rad([-20, -10, 10, 20]),
+)
+HEADER = ("beta [deg]", "delta [deg]", "r", "speed [m/s]", "n [1/s]", "X'", "Y'", "N'")
+
+
+@cache
+def vessel():
+    return ps.with_terms(ps.load_vessel("kvlcc2"), "modular")
+
+
+@cache
+def series():
+    """Drift, yaw rate and rudder one at a time, and the straight course: columns of HEADER in their units."""
+    U, L = vessel().particulars.nominal_speed, vessel().particulars.L
+    motions = [(beta, 0.0, 0.0) for beta in DRIFT] + [(0.0, 0.0, r) for r in YAW]
+    motions += [(0.0, delta, 0.0) for delta in RUDDER] + [(0.0, 0.0, 0.0)]
+    beta, delta, r = np.array(motions).T
+    motion = {"u": U * np.cos(beta), "v": -U * np.sin(beta), "r": r * U / L, "delta": delta}
+    X, Y, N = captive_test_forces(vessel(), motion, reference_coefficients(vessel())[None])[0, :3]
+    columns = (np.rad2deg(beta), np.rad2deg(delta), r, np.full(r.size, U), np.full(r.size, 1.513), X, Y, N)
+    return dict(zip(HEADER, columns, strict=True))
+
+
+def changed(**by_name):
+    """The series with some columns replaced, by the first letters of their heading."""
+    columns = series()
+    return {
+        head: by_name.get(head[0] if head[0] != "d" else "d", lambda values: values)(values)
+        for head, values in columns.items()
+    }
+
+
+def read(tmp_path, columns, **settings):
+    path = tmp_path / "captive.csv"
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    return ps.read_captive(path, vessel(), **settings)
+
+
+def test_right_tests_are_read(tmp_path):
+    assert read(tmp_path, series()).sizes["test"] == len(DRIFT) + len(YAW) + len(RUDDER) + 1
+
+
+def unit(old, new):
+    return {(new if head == old else head): values for head, values in series().items()}
+
+
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        (lambda: changed(N=np.zeros_like), r"N' = 0 in all 15; leave the column out"),
+        (lambda: changed(X=lambda values: 0.0 * values - 9.0), r"X' = -9 in all 15"),
+        (lambda: unit("beta [deg]", "beta"), r"at most 180 deg, found 12 rad; write its unit as beta \[deg\]"),
+        (lambda: unit("delta [deg]", "delta"), r"at most 90 deg, found 20 rad; write its unit as delta \[deg\]"),
+        (lambda: changed(d=np.deg2rad), r"1 deg or more, found 0.35 deg; write delta \[rad\]"),
+        (lambda: changed(b=np.deg2rad), r"Y' in drift .* perhaps beta is in rad"),
+        (lambda: changed(n=lambda values: 60.0 * values), r"median of 90.8 1/s at full scale; write n \[1/min\]"),
+        (lambda: changed(b=np.negative), "Y' opposes the drift .* change the sign of beta"),
+        (lambda: changed(r=np.negative), "N' damps the yaw rate .* change the sign of r"),
+        (lambda: changed(d=np.negative), "rudder to port .* frame.rudder_positive"),
+        (lambda: changed(Y=lambda values: 320.0 / 20.8 * values, N=lambda values: 320.0 / 20.8 * values), '= "Ld"'),
+        (lambda: changed(Y=lambda values: values - vessel().m * series()["r"]), "without the model's own mass"),
+    ],
+)
+def test_wrong_tests_are_refused(tmp_path, columns, sentence):
+    with pytest.raises(ps.TrialError, match=sentence) as raised:
+        read(tmp_path, columns())
+    assert str(raised.value).endswith(".")
+
+
+def test_forces_over_l2_read_as_l_d_are_refused(tmp_path):
+    with pytest.raises(ps.TrialError, match=r'set frame\.forces = "L2"'):
+        read(tmp_path, series(), format={"frame": {"forces": "Ld"}})
+
+
+@pytest.mark.parametrize("name", ["container", "kvlcc2", "kvlcc2 polynomial"])
+def test_other_ships_are_not_refused(tmp_path, name):
+    """Forces of each shipped vessel by its own coefficients."""
+    ship = ps.load_vessel(name.split()[0]) if name != "kvlcc2" else vessel()
+    U, L = ship.particulars.nominal_speed, ship.particulars.L
+    zero = np.zeros(6)
+    by_motion = [(DRIFT, zero, zero), (zero, np.tile(YAW, 2)[:6], zero), (zero, zero, np.tile(RUDDER, 2)[:6])]
+    beta, r, delta = (np.concatenate(parts) for parts in zip(*by_motion, strict=True))
+    motion = {"u": U * np.cos(beta), "v": -U * np.sin(beta), "r": r * U / L, "delta": delta}
+    motion |= dict.fromkeys(("p", "phi"), np.zeros(r.size))
+    _, Y, N, *_ = captive_test_forces(ship, motion, reference_coefficients(ship)[None])[0]
+    columns = {"beta [rad]": beta, "delta [rad]": delta, "r": r, "speed [m/s]": np.full(r.size, U), "Y'": Y, "N'": N}
+    path = tmp_path / "captive.csv"
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    assert ps.read_captive(path, ship).sizes["test"] > 9
