@@ -49,6 +49,7 @@ _INSIDE = 0.95  # probability of intervals, and fraction of the draws inside the
 _ROUNDS = np.deg2rad(540.0)  # change of heading at the end of a circle
 _SWINGS = 3  # swings of a zigzag
 _POINTS = 64  # points of a track
+_PAIRED = np.arange(SIZES) * 0.5 * (np.sqrt(5.0) - 1.0) % 1.0  # spread evenly over each part of the other law
 _FAR, _TINY = 1e3, 1e-12  # distance [sd] of a draw without an index, and least half width
 _QUANTILE = float(ndtri(0.5 + 0.5 * _INSIDE))
 
@@ -193,6 +194,7 @@ class _Design:
 
     vessel: Vessel
     errors: Mapping[str, np.ndarray]  # sizes of the model error by kind
+    growth: np.ndarray  # of this error beyond the motion
     rows: Sequence[Mapping]  # held-out indices
     targets: Sequence[tuple[_Run, list[str]]]  # runs with the names of their target indices
     target_values: np.ndarray  # (n_draws, n_targets)
@@ -206,7 +208,8 @@ class _Design:
         middle = run.indices[list(names)].median("draw", keep_attrs=True).expand_dims(draw=SIZES)
         beyond = float(np.nanmax(extrapolation(self.vessel, self._central_motion(run), motion)["distance"]))
         quantile = (np.arange(SIZES) + 0.5) / SIZES
-        sizes = error_sizes(middle, self.errors, self.vessel, beyond=beyond, quantile=quantile)
+        laws = {"quantile": quantile, "growth": self.growth, "growth_quantile": _PAIRED}
+        sizes = error_sizes(middle, self.errors, self.vessel, beyond=beyond, **laws)
         return np.array([sizes[name] for name in names])
 
     def _central_motion(self, run: _Run) -> xr.Dataset:
@@ -267,6 +270,7 @@ def _design(ship: Ship, vessel: Vessel, runs: Sequence[_Run]) -> _Design:
     return _Design(
         vessel=vessel,
         errors=errors,
+        growth=ship.extrapolation_growth,
         rows=list(index_rows(ship.held_out_indices)),
         targets=targets,
         target_values=target_values,

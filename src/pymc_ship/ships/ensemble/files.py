@@ -19,15 +19,17 @@ from pymc_ship.machine.files import settle, staged_path
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
+from pymc_ship.ships.ensemble.index_error import extrapolation_growth
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import ERROR_STATES
 from pymc_ship.ships.ensemble.ship import Member, Ship
 
 FOLDER = "model"  # folder of a ship inside that of its report
-FORMAT = 4  # number of the format written
+FORMAT = 5  # number of the format written
 MIGRATIONS = {  # names of older formats that differ in the next one, by format number; these are also read
     2: {"model_error": "index_error", "index_rows": "held_out_indices", "held_tests": "uses_captive_tests"},
     3: {"statement": "design", "stated": "response", "dispersion": "design_effect"},
+    4: {},  # without the growth of the error beyond the runs: that of other ships
 }
 _INDEX, _SUM = "ship.json", "sha256"
 _KEYS = (
@@ -92,9 +94,11 @@ def save_ship(
             "prior": ship.prior,
             "index_error": {kind: sizes.tolist() for kind, sizes in (ship.index_error or {}).items()},
             "motion_error": {name: sizes.tolist() for name, sizes in ship.motion_error.items()},
+            "extrapolation_growth": ship.extrapolation_growth.tolist(),
             "facilities": {name: asdict(gear) for name, gear in ship.facilities.items()},
             "runs": list(runs),
             "held_out_indices": list(index_rows(ship.held_out_indices)),
+            "harder_indices": list(index_rows(ship.harder_indices)),
             "uses_captive_tests": ship.uses_captive_tests,
             "remarks": list(ship.remarks),
             **(quality_flags or {}),
@@ -136,10 +140,12 @@ def load_ship(out: str | Path) -> Ship:
         motion=motion,
         index_error=_laws(index["index_error"]),
         motion_error=_laws(index["motion_error"]),
+        extrapolation_growth=np.array(index.get("extrapolation_growth") or extrapolation_growth((), {})),
         facilities={name: Steering(**gear) for name, gear in index["facilities"].items()},
         remarks=tuple(index["remarks"]),
         prior=index["prior"],
         held_out_indices=index_table(index["held_out_indices"]),
+        harder_indices=index_table(index.get("harder_indices", ())),
         uses_captive_tests=index["uses_captive_tests"],
     )
 

@@ -12,15 +12,22 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
-from scipy.special import ndtr, ndtri
+from scipy.special import logsumexp, ndtr, ndtri
 
 from pymc_ship.physics.manoeuvre.kinds import SCORED_QUANTITIES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.calibration import constant_by_kind, constant_value
-from pymc_ship.ships.ensemble.motion_error import MOTION_EXTRAPOLATION_SD, equal_sizes, size_law
+from pymc_ship.ships.ensemble.motion_error import (
+    MOTION_EXTRAPOLATION_SD,
+    SIZE_GRID,
+    SIZES,
+    equal_sizes,
+    normalised_law,
+    size_law,
+)
 
-EXTRAPOLATION_SD = constant_value("index_extrapolation_sd")  # of an index per range of the record [swing, L/U, L, roll]
+EXTRAPOLATION_SD = constant_value("index_extrapolation_sd")  # typical, per range of the record [swing, L/U, L, roll]
 TYPICAL = constant_by_kind("index_typical")  # median error beyond the draws, over ships [swing, L/U, L, roll]
 LIKELIHOOD_WEIGHT = constant_value("index_likelihood_weight")  # power of each index: errors of one run are correlated
 # Statements of 99 % on extrapolated forecasts of validation ships: correct ones, and all.
@@ -50,6 +57,22 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
     typical = np.array([TYPICAL[row["kind"]] for row in rows])
     sizes = equal_sizes(*size_law(error, known_variance, typical, LIKELIHOOD_WEIGHT))
     return {kind: TYPICAL[kind] * sizes for kind in SCORED_QUANTITIES}
+
+
+def extrapolation_growth(rows: Sequence[Mapping], errors: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Growth of the error beyond the runs over the typical growth, from forecasts of harder runs by the milder ones.
+
+    Half-Cauchy prior over ships with median 1, times the likelihood of the rows of :func:`.index_rows` with
+    ``beyond``, the distance from the milder runs; equally probable quantiles (SIZES,). ``errors`` is from
+    :func:`model_error`.
+    """
+    log_likelihood = np.zeros((SIZES, SIZE_GRID.size))
+    for row in rows:
+        error, known_variance = scaled_error(row)
+        typical = EXTRAPOLATION_SD * row["beyond"]
+        variance = known_variance + errors[row["kind"]][:, None] ** 2 + (typical * SIZE_GRID) ** 2
+        log_likelihood -= 0.5 * LIKELIHOOD_WEIGHT * (np.log(variance) + error**2 / variance)
+    return equal_sizes(SIZE_GRID, normalised_law(logsumexp(log_likelihood, axis=0)))
 
 
 def scaled_error(row: Mapping) -> tuple[float, float]:
@@ -126,20 +149,25 @@ def error_sizes(
     *,
     beyond: float,
     quantile: np.ndarray,
+    growth: np.ndarray | float = 1.0,
+    growth_quantile: np.ndarray | float = 0.0,
 ) -> dict[str, np.ndarray]:
     """Standard deviation of the error of each simulated index, each (n_draws,), as :func:`with_model_error`.
 
-    ``quantile`` is the probability in [0, 1) of each draw's size in its law. A steady turning diameter, 2 U / r, has
+    ``quantile`` is the probability in [0, 1) of each draw's size in its law, ``growth_quantile`` that of its growth
+    beyond the runs in ``growth`` (n_laws,). A steady turning diameter, 2 U / r, has
     the relative errors of the steady speed and yaw rate.
     """
     table = kind_named(simulated_indices.attrs["manoeuvre"]).indices
     heading_deg = simulated_indices.attrs.get("heading_deg", 0.0)
     sizes: dict[str, np.ndarray] = {}
+    growths = np.atleast_1d(growth)
+    distance = beyond * growths[(np.asarray(growth_quantile) * growths.size).astype(int)]
     for name in map(str, simulated_indices):
         quantity = table[name].quantity
         if quantity != "diameter":
             law = np.atleast_1d(errors.get(quantity, 0.0))
-            error = np.hypot(law[(quantile * law.size).astype(int)], _SD_PER_RANGE[quantity] * beyond)
+            error = np.hypot(law[(quantile * law.size).astype(int)], _SD_PER_RANGE[quantity] * distance)
             sizes[name] = error * np.asarray(index_scale(quantity, simulated_indices[name], heading_deg, vessel))
     relative = {table[name].quantity: sizes[name] / simulated_indices[name].values for name in sizes}
     for name in map(str, simulated_indices):
@@ -155,6 +183,7 @@ def with_model_error(
     rng: np.random.Generator,
     *,
     beyond: float = 0.0,
+    growth: np.ndarray | float = 1.0,
 ) -> xr.Dataset:
     """Simulated indices with a normal model error, at least 0 where unsigned; that of a diameter is of its logarithm.
 
@@ -168,10 +197,13 @@ def with_model_error(
     rng : numpy.random.Generator
     beyond : float, optional
         Extrapolation distance of the median ship, in ranges of the motion of the runs.
+    growth : ndarray, shape (n_laws,), optional
+        From :func:`extrapolation_growth`; 1 by default.
     """
     table = kind_named(simulated_indices.attrs["manoeuvre"]).indices
-    quantile = rng.random(simulated_indices.sizes["draw"])
-    sizes = error_sizes(simulated_indices, errors, vessel, beyond=beyond, quantile=quantile)
+    quantile, growth_quantile = rng.random((2, simulated_indices.sizes["draw"]))
+    laws = {"quantile": quantile, "growth": growth, "growth_quantile": growth_quantile}
+    sizes = error_sizes(simulated_indices, errors, vessel, beyond=beyond, **laws)
 
     def with_error(variable: xr.DataArray) -> xr.DataArray:
         size, index = sizes[str(variable.name)], table[str(variable.name)]

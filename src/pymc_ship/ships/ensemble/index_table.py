@@ -10,8 +10,8 @@ import xarray as xr
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.manoeuvre.registry import KINDS
 
-NUMBERS = ("measured", "forecast", "parameter_sd", "model_sd", "measured_sd", "scale", "sd")
-"""Variables of the table; ``scale`` is the unit of the model error of an index."""
+NUMBERS = ("measured", "forecast", "parameter_sd", "model_sd", "measured_sd", "scale", "beyond", "sd")
+"""Variables of the table; ``scale`` is the unit of the model error, ``beyond`` the distance from the milder runs."""
 
 
 def index_table(rows: Sequence[Mapping]) -> xr.Dataset:

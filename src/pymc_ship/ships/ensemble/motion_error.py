@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, ndtr, ndtri
+from scipy.special import logsumexp, ndtr
 
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -29,7 +29,7 @@ SIZES = 200  # number of equally probable sizes of a law
 _ROWS = [STATE.index(name) for name in ERROR_STATES]
 _STEPS = np.arange(1, 2 * len(ERROR_STATES) + 1)
 _GOLDEN = 1.0570505752212285  # x^13 = x + 1: additive low-discrepancy sequence in 12 dimensions
-_SIZE = np.exp(np.linspace(-7.0, 9.0, 321))
+SIZE_GRID = np.exp(np.linspace(-7.0, 9.0, 321))  # of a law, over the typical size
 _NODES = 400  # interpolation nodes of a mixture's distribution
 
 
@@ -50,10 +50,15 @@ def size_law(
     ``error``, ``known_variance`` and ``typical`` are errors in held-out runs, the variance by draws and readings, and
     the typical errors, (n_rows,).
     """
-    variance = known_variance[:, None] + (typical[:, None] * _SIZE) ** 2
+    variance = known_variance[:, None] + (typical[:, None] * SIZE_GRID) ** 2
     log_likelihood = -0.5 * likelihood_weight * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
-    log_weight = log_likelihood + np.log(_SIZE) - np.log1p(_SIZE**2)
-    return _SIZE, log_weight - logsumexp(log_weight)
+    return SIZE_GRID, normalised_law(log_likelihood)
+
+
+def normalised_law(log_likelihood: np.ndarray) -> np.ndarray:
+    """Log probabilities of :data:`SIZE_GRID` (n_sizes,): a half-Cauchy prior of median 1, times a likelihood."""
+    log_weight = log_likelihood + np.log(SIZE_GRID) - np.log1p(SIZE_GRID**2)
+    return log_weight - logsumexp(log_weight)
 
 
 def equal_sizes(size: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
@@ -99,6 +104,7 @@ def with_motion_error(
     errors: Mapping[str, np.ndarray],
     vessel: Vessel,
     beyond: np.ndarray | None = None,
+    growth: np.ndarray | float = 1.0,
 ) -> np.ndarray:
     """States of draws with a model error, of the same quantile at all times, by a low-discrepancy sequence.
 
@@ -112,13 +118,17 @@ def with_motion_error(
     vessel : Vessel
     beyond : ndarray, shape (n_time,), optional
         Distance of the median ship from the motion of the runs, in ranges of it; 0 by default.
+    growth : ndarray, shape (n_laws,), optional
+        Equally probable growths of the error beyond the runs, from :func:`.extrapolation_growth`; 1 by default.
     """
     with_error, lead = states.copy(), time / vessel.particulars.ship_time
     extrapolations = time_beyond(np.zeros(time.size) if beyond is None else np.nan_to_num(beyond), lead)
-    units = prime_units(vessel)
+    units, growths = prime_units(vessel), np.atleast_1d(growth)
     quantile = (0.5 + np.outer(_GOLDEN ** -_STEPS.astype(float), np.arange(1, states.shape[1] + 1))) % 1.0
     for name, row, of_ship, of_distance in zip(ERROR_STATES, _ROWS, *np.split(quantile, 2), strict=True):
-        error = np.outer(ndtri(of_distance), MOTION_EXTRAPOLATION_SD[name] * extrapolations[name])
+        error = np.outer(
+            mixture_quantiles(np.atleast_1d(growth), of_distance), MOTION_EXTRAPOLATION_SD[name] * extrapolations[name]
+        )
         if name in errors:
             error += np.outer(mixture_quantiles(np.asarray(errors[name]), of_ship), growth_with_lead_time(name, lead))
         with_error[row] += error * units[name]

@@ -15,6 +15,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.draws import coefficient_draws, fitted_motion, sensor_noise
+from pymc_ship.ships.ensemble.index_error import extrapolation_growth
 from pymc_ship.ships.ensemble.index_table import index_table
 from pymc_ship.trial.channels import SIMULATED
 
@@ -58,11 +59,13 @@ class Ship:
     motion : DataArray, dims (row, symbol), or None; non-dimensional (prime) motion of the training runs
     index_error : dict of str to ndarray, or None; quantiles of the sd of the indices by kind, from :func:`.model_error`
     motion_error : dict of str to ndarray; quantiles of the sd of the motion by state, from :func:`.motion_error`
+    extrapolation_growth : ndarray; growths of both errors beyond the runs, from :func:`.extrapolation_growth`
     noise_sd : dict of str to float; sensor noise sd by channel [SI], of a joint posterior
     facilities : dict of str to Steering; steering by facility, most trials first
     remarks : tuple of str; how the intervals were made
     prior : str; kind of prior of the coefficients
     held_out_indices : Dataset, dims (run, index), from :func:`.index_table`
+    harder_indices : Dataset, dims (run, index); the same of the harder runs, forecast by the milder ones
     uses_captive_tests : bool; whether the likelihoods include captive tests
     """
 
@@ -70,11 +73,13 @@ class Ship:
     motion: xr.DataArray | None = None
     index_error: dict[str, np.ndarray] | None = None
     motion_error: dict[str, np.ndarray] = field(default_factory=dict)
+    extrapolation_growth: np.ndarray = field(default_factory=lambda: extrapolation_growth((), {}))
     noise_sd: dict[str, float] = field(default_factory=dict)
     facilities: dict[str, Steering] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     prior: str = ""
     held_out_indices: xr.Dataset = field(default_factory=lambda: index_table(()))
+    harder_indices: xr.Dataset = field(default_factory=lambda: index_table(()))
     uses_captive_tests: bool = False
 
     @classmethod

@@ -124,6 +124,7 @@ def forecast(
         errors = ship.index_error | steady_error(ship.motion_error)
     settings = simulation_settings(models[0][0]) | settings | environment | {"duration": duration, "ci_prob": ci_prob}
     data: dict[str, Any] = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
+    data["growth"] = ship.extrapolation_growth
     tree = pooled_forecast(models, manoeuvre, rng=rng, **data, **settings)
     tree.attrs["steering"] = _steering_sentence(models[0][0], ship.facilities, facility)
     if facility is not None:
@@ -177,6 +178,7 @@ def pooled_forecast(
     noise: Mapping[str, float] | None = None,
     motion: xr.DataArray | None = None,
     errors: Mapping[str, np.ndarray | float] | None = None,
+    growth: np.ndarray | float = 1.0,
     **settings: Any,
 ) -> xr.DataTree:
     """As :func:`forecast`, with the draws of models that differ in terms and parts alone.
@@ -194,6 +196,8 @@ def pooled_forecast(
         Prime motion the models were fitted to.
     errors : mapping of str to ndarray or float, optional
         Model error that is added to the indices, by kind, from :func:`.model_error`.
+    growth : ndarray, optional
+        Of the error beyond the motion, from :func:`.extrapolation_growth`.
     """
     runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
     rolling = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])
@@ -216,7 +220,7 @@ def pooled_forecast(
         kinds = manoeuvre.traits.indices
         index_draws = _nan_without_roll(indices(simulated), rolling, lambda name: needs_roll(kinds[name]))
         if errors is not None:
-            index_draws = with_model_error(index_draws, errors, vessel, rng, beyond=beyond)
+            index_draws = with_model_error(index_draws, errors, vessel, rng, beyond=beyond, growth=growth)
         groups |= {"indices": index_draws, "index_bands": quantile_bands(index_draws, ci_prob)}
     attrs = ships.attrs | {"label": manoeuvre.label, "draws": ships.sizes["draw"], "ci_prob": ci_prob, "ci_kind": "eti"}
     attrs |= {"share_diverged": float(ships["diverged"].mean()), "share_extrapolated": np.nan, "extrapolation": UNKNOWN}

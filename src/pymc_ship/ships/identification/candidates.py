@@ -44,7 +44,7 @@ from pymc_ship.records.checks.verdicts import SLOW, ship_scale
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feasible
 from pymc_ship.ships.ensemble.ship import Member
-from pymc_ship.ships.identification.held_out import CrossValidation, cross_validate
+from pymc_ship.ships.identification.held_out import CrossValidation, cross_validate, hold_out_harder
 from pymc_ship.trial.record import OVER_GROUND, nonzero_channels
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
@@ -69,9 +69,10 @@ _MIN_FEASIBLE = 0.1  # least feasible fraction of them
 class Candidate:
     """One term set of the ensemble.
 
-    ``fit`` (to all runs) and the fits in ``held_out`` have their sds multiplied by ``inflation``; ``draws`` (n_draws,
-    n_coefficients) are feasible; ``discrepancy_scales`` [prior sd] are those of the commensurate prior on earlier runs,
-    see :func:`pymc_ship.inference.trajectory.sequential_likelihood.commensurate_likelihood`.
+    ``fit`` (to all runs) and the fits in ``held_out`` have their sds multiplied by ``inflation``, as those in
+    ``milder``, to the milder runs for each of the harder ones; ``draws`` (n_draws, n_coefficients) are feasible;
+    ``discrepancy_scales`` [prior sd] are those of the commensurate prior on earlier runs, see
+    :func:`pymc_ship.inference.trajectory.sequential_likelihood.commensurate_likelihood`.
     """
 
     name: str
@@ -82,6 +83,7 @@ class Candidate:
     draws: np.ndarray
     weight: float = 0.0
     infeasible_fraction: float = 0.0
+    milder: CrossValidation | None = None
     captive: CaptiveFit | None = None
     discrepancy_scales: tuple[float, ...] = ()
 
@@ -128,7 +130,8 @@ class Candidate:
 class Training:
     """Thinned trials with manoeuvres, facilities, and likelihoods of ``earlier`` runs by term set.
 
-    ``elsewhere``: the earlier runs were at other facilities; ``reloaded``: at another draught.
+    ``elsewhere``: the earlier runs were at other facilities; ``reloaded``: at another draught. ``harder``: numbers of
+    the runs that the others forecast.
     """
 
     trials: list[xr.Dataset]
@@ -138,6 +141,7 @@ class Training:
     prior: str
     captive: xr.Dataset | None = None
     earlier: Mapping[str, EarlierLikelihood] = field(default_factory=dict)
+    harder: tuple[int, ...] = ()
     elsewhere: bool = False
     reloaded: bool = False
 
@@ -356,11 +360,16 @@ def _cross_validate(problem: _Problem, combined: _Combined, training: Training) 
     validation = cross_validate(folds(problem.runs), vessel, fit, scored_windows)
     inflation = _inflation(whole, validation)
     whole, *others = (inflate_covariance(single_fit, inflation) for single_fit in (whole, *validation.fits))
+    held_out, milder = replace(validation, fits=tuple(others)), None
+    if training.harder:
+        milder = hold_out_harder(problem.runs, training.harder, vessel, fit, validation)
+        milder = replace(milder, fits=tuple(inflate_covariance(one, inflation) for one in milder.fits))
     return Candidate(
         name=problem.name,
         fit=whole,
         prior=combined.prior,
-        held_out=replace(validation, fits=tuple(others)),
+        held_out=held_out,
+        milder=milder,
         inflation=inflation,
         draws=np.empty((0, whole.coefficients.size)),
         captive=combined.captive,

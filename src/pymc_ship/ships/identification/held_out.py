@@ -92,6 +92,26 @@ def cross_validate(
     return score_folds(scored_windows or runs, vessel, fits, run_coefficients)
 
 
+def hold_out_harder(
+    runs: Sequence[Sequence[Window]],
+    harder: Sequence[int],
+    vessel: Vessel,
+    fit: Callable[[Sequence[Window]], WindowFit],
+    each: CrossValidation,
+) -> CrossValidation:
+    """Leave all harder runs out at once; ``each`` is the validation with one run left out.
+
+    Parameters and result as of :func:`cross_validate`, with the rows of the harder runs alone.
+    """
+    if len(harder) == 1:
+        milder_fit = each.fits[harder[0]]
+    else:
+        milder_fit = fit([window for k, windows in enumerate(runs) if k not in harder for window in windows])
+    held_out = [runs[k] for k in harder]
+    fits = [milder_fit] * len(harder)
+    return score_folds(held_out, vessel, fits, [with_constants(windows, milder_fit) for windows in held_out])
+
+
 def score_folds(
     runs: Sequence[Sequence[Window]],
     vessel: Vessel,

@@ -27,10 +27,11 @@ from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
 from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
-from pymc_ship.ships.ensemble.index_error import index_sd, model_error
+from pymc_ship.ships.ensemble.index_error import extrapolation_growth, index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import LEADS, OpenLoopSimulation, motion_error
 from pymc_ship.ships.ensemble.ship import Ship
+from pymc_ship.ships.forecasting.extrapolation import extrapolation
 from pymc_ship.ships.identification.candidates import (
     Candidate,
     Refusal,
@@ -41,7 +42,7 @@ from pymc_ship.ships.identification.candidates import (
     partial_run_remarks,
     prior_kind_of,
 )
-from pymc_ship.ships.identification.held_out import forecast_rows, index_noise_sd, unscored_run_remarks
+from pymc_ship.ships.identification.held_out import CrossValidation, forecast_rows, index_noise_sd, unscored_run_remarks
 from pymc_ship.ships.identification.open_loop import measured_states, reading_noise_sd, simulate_open_loop
 from pymc_ship.trial.record import facility_of, sampling_interval, trial_list
 
@@ -51,6 +52,7 @@ _COUNTED = 0.01  # least weight of a term set in a held-out forecast
 _BOOTSTRAPS = 2000
 _PRIOR_DRAWS = 500  # for the comparison with captive tests
 _ATTEMPTS = 50
+_HARDER = 1.2  # least ratio of the rms yaw rates of the harder and the milder runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +187,10 @@ def identify_ship(
     rows = _held_out_indices(candidates, training, names, rng) if len(trials) > 1 else []
     all_rows = [*(index_rows(before.held_out_indices) if before else ()), *rows]
     errors = model_error(all_rows)
+    harder_rows = [
+        *(index_rows(before.harder_indices) if before else ()),
+        *_harder_indices(candidates, training, names, rng),
+    ]
     remarks += unscored_run_remarks(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
     remarks += [] if all_rows else [_NOTHING_HELD_OUT]
     progress("feasible draws")
@@ -198,10 +204,12 @@ def identify_ship(
         motion=_motion(training, fullest_vessel, before),
         index_error=errors,
         motion_error=before.motion_error if before and training.earlier and len(trials) == 1 else new_motion_error,
+        extrapolation_growth=extrapolation_growth(harder_rows, errors),
         facilities=training.facilities | {k: v for k, v in earlier_facilities.items() if k not in training.facilities},
         remarks=tuple(remarks),
         prior=training.prior,
         held_out_indices=index_table(all_rows),
+        harder_indices=index_table(harder_rows),
         uses_captive_tests=captive is not None or (before is not None and before.uses_captive_tests),
     )
     return ShipIdentification(
@@ -248,7 +256,8 @@ def _prepare(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Traini
         motion_record(trial, vessel)
     manoeuvres, facilities = recognise_by_facility(trials, vessel)
     vessel = with_steering(vessel, next(iter(facilities.values())))
-    return Training([thin_record(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
+    thinned = [thin_record(trial, vessel) for trial in trials]
+    return Training(thinned, manoeuvres, facilities, vessel, prior, harder=_harder_runs(thinned, vessel))
 
 
 def _with_earlier_runs(before: Ship | None, training: Training) -> Training:
@@ -293,20 +302,57 @@ def _held_out_indices(
     candidates: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
 ) -> list[dict]:
     """Indices of every recognised manoeuvre, forecast by the fits without its run."""
-    selected = [candidate for candidate in candidates if candidate.weight > _COUNTED]
-    weight = np.array([candidate.weight for candidate in selected])
     rows = []
-    for k, (trial, manoeuvre) in enumerate(zip(training.trials, training.manoeuvres, strict=True)):
-        if manoeuvre is not None:
-            gear, models = training.facilities[facility_of(trial)], []
-            for candidate in selected:
-                coefficients = np.vstack(
-                    [candidate.held_out.coefficients[k], candidate.held_out.draws(k, _FORECASTS, rng)]
-                )
-                models.append((with_steering(candidate.vessel, gear), coefficients))
-            noise = index_noise_sd(trial, manoeuvre, models[0][0].particulars.rudder_delay, rng)
-            rows += forecast_rows(names[k], trial, manoeuvre, models, weight / weight.sum(), noise)
+    for k in range(len(names)):
+        rows += _forecast_of_run(k, names[k], training, [(one, one.held_out, k) for one in candidates], rng)
     return rows
+
+
+def _harder_indices(
+    candidates: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
+) -> list[dict]:
+    """Indices of the harder manoeuvres, forecast by the fits to the milder runs, with their distance from these."""
+    rows = []
+    milder = [trial for k, trial in enumerate(training.trials) if k not in training.harder]
+    for fold, k in enumerate(training.harder):
+        folds = [(one, one.milder, fold) for one in candidates if one.milder is not None]
+        vessel = folds[0][0].vessel
+        motion = _motion(replace(training, trials=milder), vessel, None)
+        beyond = float(np.nanmax(extrapolation(vessel, training.trials[k], motion)["distance"]))
+        forecasts = _forecast_of_run(k, names[k], training, folds, rng)
+        rows += [row | {"beyond": beyond} for row in forecasts]
+    return rows
+
+
+def _forecast_of_run(
+    k: int,
+    name: str,
+    training: Training,
+    folds: Sequence[tuple[Candidate, CrossValidation, int]],
+    rng: np.random.Generator,
+) -> list[dict]:
+    """Rows of :func:`.forecast_rows` of run k, by each candidate's fit of a fold; none of an unknown manoeuvre."""
+    trial, manoeuvre = training.trials[k], training.manoeuvres[k]
+    if manoeuvre is None:
+        return []
+    gear, models, weights = training.facilities[facility_of(trial)], [], []
+    for candidate, validation, fold in folds:
+        if candidate.weight > _COUNTED:
+            draws = validation.draws(fold, _FORECASTS, rng)
+            models.append((with_steering(candidate.vessel, gear), np.vstack([validation.coefficients[fold], draws])))
+            weights.append(candidate.weight)
+    noise = index_noise_sd(trial, manoeuvre, models[0][0].particulars.rudder_delay, rng)
+    return forecast_rows(name, trial, manoeuvre, models, np.array(weights) / np.sum(weights), noise)
+
+
+def _harder_runs(trials: Sequence[xr.Dataset], vessel: Vessel) -> tuple[int, ...]:
+    """Numbers of the runs above the largest gap of the rms yaw rate; none where all runs are about equally hard."""
+    rms = np.array([np.sqrt(np.mean(trial["r"].values ** 2)) for trial in trials])
+    ascending = np.argsort(rms)
+    ratio = rms[ascending[1:]] / rms[ascending[:-1]]
+    if not ratio.size or not ratio.max() > _HARDER:
+        return ()
+    return tuple(sorted(ascending[int(np.argmax(ratio)) + 1 :].tolist()))
 
 
 def _held_out_motion(

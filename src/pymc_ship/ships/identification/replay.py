@@ -99,7 +99,8 @@ def replay(
     if ship.motion_error:
         lead = piece["time"].values - piece["time"].values[0]
         beyond = extrapolation_distance(ship, ships.median("draw"), piece)
-        predictive = motion(with_motion_error(states, lead, ship.motion_error, ship.vessel, beyond))
+        growth = ship.extrapolation_growth
+        predictive = motion(with_motion_error(states, lead, ship.motion_error, ship.vessel, beyond, growth))
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
     attrs["share_diverged"] = float(np.isnan(states[0, :, -1]).mean())
