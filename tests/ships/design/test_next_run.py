@@ -47,7 +47,8 @@ def well_known():
 
 @pytest.fixture(scope="module")
 def ship():
-    return well_known()
+    """One growth of the error beyond the runs, so that 60 draws give its intervals."""
+    return replace(well_known(), extrapolation_growth=np.ones(1))
 
 
 # the linear Bayes estimate --------------------------------------------------------------------------------------------
@@ -162,13 +163,24 @@ def test_half_widths_include_the_whole_law_of_the_model_error():
     Broken twin: 1.96 of its median.
     """
     errors, zigzag = model_error([]), ps.zigzag(10, 10)
-    one = ship_of(alike(), motion=motion_of(tanker(), [trial(zigzag)]), index_error=errors)
+    known = {"index_error": errors, "extrapolation_growth": np.zeros(1)}
+    one = ship_of(alike(), motion=motion_of(tanker(), [trial(zigzag)]), **known)
     plan = design(one, [zigzag], interest=[zigzag])
     half_width = float(plan["half_width"].sel(stage=0, target="zigzag 10/10 port, initial turning distance"))
     size = 320.0 * errors["distance"]
     draws = np.random.default_rng(6).choice(size, 200_000) * np.random.default_rng(7).standard_normal(200_000)
     assert half_width == pytest.approx(np.quantile(np.abs(draws), 0.95), rel=0.03)
     assert half_width > 3.0 * 1.96 * np.median(size)
+
+
+def test_half_widths_include_the_whole_law_of_the_growth_beyond_the_runs():
+    """Twice the growth is twice the half width; three large growths in twenty widen more than the median says."""
+    one, half_width = ship_of(alike(), motion=zigzags(), index_error={}), {}
+    for name, growth in {"one": np.ones(1), "twice": np.full(1, 2.0), "law": np.repeat([1.0, 100.0], [17, 3])}.items():
+        plan = design(replace(one, extrapolation_growth=growth), [ps.zigzag(10, 10)], interest=[CIRCLE])
+        half_width[name] = plan["half_width"].sel(stage=0).values
+    np.testing.assert_allclose(half_width["twice"], 2.0 * half_width["one"], rtol=1e-6)
+    assert (half_width["law"] > 3.0 * half_width["one"]).all()
 
 
 def test_errors_beyond_the_runs_end_where_the_next_run_goes():

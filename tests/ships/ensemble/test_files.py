@@ -11,6 +11,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.ships.ensemble.files import FORMAT, MIGRATIONS
+from pymc_ship.ships.ensemble.index_error import extrapolation_growth
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import motion_error
 from tests.sentences import refused
@@ -35,6 +36,7 @@ def ship():
     members = ((tanker(), scattered(tanker(), draws, seed=draws)) for draws in (8, 5))
     known = {"index_error": {"angle": np.array([0.1, 0.2])}, "motion_error": motion_error([], tanker())}
     known |= {"remarks": ("a", "b"), "prior": "order_damped", "held_out_indices": index_table([ROW])}
+    known |= {"harder_indices": index_table([ROW | {"beyond": 0.7}]), "extrapolation_growth": np.array([0.5, 3.0])}
     zigzag = ps.zigzag(10, 10)
     motion = motion_of(tanker(), [trial(zigzag, duration=60.0)])
     return with_likelihoods(ship_of(*members, names=("one, two", "three"), motion=motion, **known))
@@ -69,6 +71,8 @@ class TestWrittenAndRead:
             assert laws.keys() == getattr(ship, name).keys()
             assert all((laws[key] == values).all() for key, values in getattr(ship, name).items())
         assert again.held_out_indices.identical(ship.held_out_indices)
+        assert again.harder_indices.identical(ship.harder_indices)
+        np.testing.assert_array_equal(again.extrapolation_growth, ship.extrapolation_growth)
         for name in ("remarks", "prior", "facilities", "uses_captive_tests"):
             assert getattr(again, name) == getattr(ship, name)
 
@@ -119,6 +123,8 @@ class TestEarlierFormats:
         rows = list(index_rows(ship.held_out_indices))
         assert len(rows) == 12
         assert rows[0] == ROW
+        assert ship.harder_indices.sizes["run"] == 0
+        np.testing.assert_array_equal(ship.extrapolation_growth, extrapolation_growth([], {}))
         assert repr(ship) == "Ship(kvlcc2: 1 model, 8 draws, model error from 2 held-out runs)"
 
     @pytest.mark.parametrize("number", sorted(MIGRATIONS))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from pymc_ship.ships.ensemble.index_error import (
     EXTRAPOLATION_SD,
     LIKELIHOOD_WEIGHT,
     TYPICAL,
+    extrapolation_growth,
     index_sd,
     model_error,
     reliability,
@@ -71,6 +73,57 @@ def errors_of(size, count, rng, parameter_sd=0.4, model_sd=0.3):
     total = np.sqrt(parameter_sd**2 + model_sd**2 + (size * scale) ** 2)
     pairs = zip(total, scale, strict=True)
     return [row("angle", sd * rng.standard_normal(), parameter_sd, model_sd, width) for sd, width in pairs]
+
+
+def harder(error, beyond=1.0, **known):
+    """Row of an angle of a harder run, with a distance from the milder ones."""
+    return row("angle", error, **known) | {"beyond": beyond}
+
+
+class TestExtrapolationGrowth:
+    ERRORS = MappingProxyType({"angle": np.zeros(SIZES)})
+
+    def test_without_harder_runs_it_is_the_law_of_other_ships(self):
+        """Half-Cauchy with median 1."""
+        expected = np.tan(0.5 * np.pi * np.array([0.25, 0.5, 0.75, 0.9]))
+        growth = extrapolation_growth([], {})
+        assert np.quantile(growth, [0.25, 0.5, 0.75, 0.9], method="hazen") == pytest.approx(expected, rel=0.02)
+
+    def test_a_growth_is_estimated_from_errors_and_distances(self):
+        """4000 rows at several distances: within four of its own sd. Broken twin: one distance for all."""
+        rng = RNG(4)
+        distances = rng.uniform(0.2, 3.0, 4000)
+        sds = np.hypot(0.001, 8.0 * EXTRAPOLATION_SD * distances)
+        rows = [harder(s * rng.standard_normal(), b, parameter_sd=0.001) for s, b in zip(sds, distances, strict=True)]
+        growth = extrapolation_growth(rows, self.ERRORS)
+        assert growth.mean() == pytest.approx(8.0, abs=4.0 * growth.std())
+        assert growth.std() < 0.5
+        twin = extrapolation_growth([one | {"beyond": 0.2} for one in rows], self.ERRORS)
+        assert twin.mean() > 8.0 + 4.0 * twin.std()
+
+    @pytest.mark.parametrize("known", [{"parameter_sd": 0.1}, {"model_sd": 0.1}, {"measured_sd": 0.1}])
+    def test_what_draws_models_and_readings_explain_is_no_growth(self, known):
+        rows = [harder(0.1 * z, **known) for z in RNG(6).standard_normal(400)]
+        assert np.quantile(extrapolation_growth(rows, self.ERRORS), 0.9) < 10.0
+        bare = [harder(one["measured"] - 5.0) for one in rows]
+        assert np.median(extrapolation_growth(bare, self.ERRORS)) == pytest.approx(0.1 / EXTRAPOLATION_SD, rel=0.2)
+
+    def test_an_error_that_the_ship_has_within_its_runs_is_no_growth(self):
+        rows = [harder(0.1 * z) for z in RNG(7).standard_normal(400)]
+        growth = extrapolation_growth(rows, {"angle": np.full(SIZES, 0.1)})
+        assert np.quantile(growth, 0.9) < 10.0
+
+    def test_rows_count_for_a_part(self):
+        """Four copies of a row narrow the law; each has a quarter of its likelihood."""
+        one, four = (extrapolation_growth(n * [harder(0.2)], self.ERRORS) for n in (1, 4))
+        sd = [np.std(np.log(growth)) for growth in (one, four)]
+        assert sd[1] < 0.8 * sd[0]
+        assert np.median(four) > np.median(one) > 1.0
+
+    def test_the_sd_of_an_index_includes_it(self):
+        sd = index_sd(harder(0.1, 2.0, parameter_sd=0.01), {}, np.full(1, 5.0))
+        assert sd == pytest.approx(np.hypot(0.01, 10.0 * EXTRAPOLATION_SD), rel=1e-12)
+        assert index_sd(row("angle", 0.1, parameter_sd=0.01), {}, np.full(1, 5.0)) == pytest.approx(0.01, rel=1e-12)
 
 
 class TestModelError:
@@ -236,6 +289,19 @@ class TestWithModelError:
             float(within["advance"].std())
             < 0.9 * np.hypot(errors.get("distance", 0.0), 20.0 * EXTRAPOLATION_SD) * UNIT["distance"]
         )
+
+    def test_the_growth_beyond_the_runs_is_a_law(self):
+        """Half of the draws with growth 1, half with 7, for every quantity."""
+        before, growth = ships(TURNING_CIRCLE), np.array([1.0, 7.0])
+        after = with_model_error(before, {}, tanker(), RNG(2), beyond=2.0, growth=growth)
+        mean_square = np.sqrt(np.mean(growth**2))
+        for name, unit in (
+            ("advance", EXTRAPOLATION_SD * 320.0),
+            ("steady_speed", MOTION_EXTRAPOLATION_SD["u"] * 7.974),
+        ):
+            assert float(after[name].std()) == pytest.approx(2.0 * unit * mean_square, rel=2.0 * MONTE_CARLO), name
+            share = float(np.mean(np.abs(after[name] - before[name]) > 3.0 * 2.0 * unit))
+            assert share == pytest.approx(0.5 * (0.0027 + 0.6682), abs=4.0 * 0.5 / np.sqrt(N)), name
 
     def test_steady_values_err_as_the_motion_of_held_out_runs_does_once_it_has_settled(self):
         """Prime errors of u, r and v."""

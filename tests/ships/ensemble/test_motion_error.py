@@ -165,6 +165,18 @@ def test_the_error_grows_with_the_distance_from_the_runs(tanker):
     )
 
 
+def test_the_growth_beyond_the_runs_is_a_law_over_draws(tanker):
+    """Twice the growth is twice the error; of two growths the larger decides the tails."""
+    states, time = np.zeros((8, 400, TIMES)), time_of(tanker)
+    row, beyond = STATE.index("u"), np.ones(TIMES)
+    one, twice, law = (
+        with_motion_error(states, time, {}, tanker, beyond, growth)[row, :, -1]
+        for growth in (1.0, 2.0, np.array([1.0, 50.0]))
+    )
+    np.testing.assert_allclose(twice, 2.0 * one, rtol=1e-3)
+    assert np.quantile(law, 0.9) > 10.0 * np.quantile(one, 0.9)
+
+
 def test_a_mixture_has_the_quantiles_of_its_draws():
     rng, sd, p = np.random.default_rng(1), np.array([0.1, 0.1, 1.0, 20.0]), np.array([0.025, 0.3, 0.5, 0.8, 0.99])
     drawn = rng.choice(sd, 400_000) * rng.standard_normal(400_000)

@@ -27,7 +27,6 @@ from pymc_ship.ships.ensemble.ship import Member, Ship
 FOLDER = "model"  # folder of a ship inside that of its report
 FORMAT = 5  # number of the format written
 MIGRATIONS = {  # names of older formats that differ in the next one, by format number; these are also read
-    2: {"model_error": "index_error", "index_rows": "held_out_indices", "held_tests": "uses_captive_tests"},
     3: {"statement": "design", "stated": "response", "dispersion": "design_effect"},
     4: {},  # without the growth of the error beyond the runs: that of other ships
 }
@@ -166,7 +165,7 @@ def _read_index(folder: Path) -> dict:
             f"The identified ship in {folder} was damaged or changed, its checksum does not fit; copy it again or run "
             "`pymc-ship identify` again."
         )
-    number, index = index.get("format", min(MIGRATIONS)), _current_names(index)
+    number, index = index.get("format"), _current_names(index)
     gear = {one.name for one in fields(Steering)}
     if not (
         number in (*MIGRATIONS, FORMAT)

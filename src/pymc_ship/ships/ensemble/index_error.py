@@ -1,7 +1,8 @@
 """Model error of manoeuvre indices (numbers such as an overshoot angle) beyond the draws, from held-out runs.
 
 Half-Cauchy prior of its sd over ships (Gelman 2006, doi:10.1214/06-BA117A) with median :data:`TYPICAL`, in units of
-:func:`index_scale`; it grows with the extrapolation from the runs. ``calibration.toml`` has the constants.
+:func:`index_scale`. Beyond the runs it grows with the distance from them; this growth is a half-Cauchy law, too.
+``calibration.toml`` has the constants.
 """
 
 from __future__ import annotations
@@ -112,10 +113,15 @@ def steady_error(motion_error: Mapping[str, np.ndarray]) -> dict[str, np.ndarray
     return {quantity: motion_error[name] for quantity, name in _OF_MOTION.items() if name in motion_error}
 
 
-def index_sd(row: Mapping, errors: Mapping[str, np.ndarray]) -> float:
-    """Equivalent normal sd of the error of a row of ``index_rows``: draws, models, model error and readings."""
+def index_sd(row: Mapping, errors: Mapping[str, np.ndarray], growth: np.ndarray | float = 1.0) -> float:
+    """Equivalent normal sd of the error of a row of ``index_rows``: draws, models, model error and readings.
+
+    A row with ``beyond`` also has the error beyond the runs, with the growth of :func:`extrapolation_growth`.
+    """
     _, known_variance = scaled_error(row)
-    return row["scale"] * equivalent_sd(np.sqrt(known_variance + errors.get(row["kind"], np.zeros(1)) ** 2))
+    distance = EXTRAPOLATION_SD * row.get("beyond", 0.0) * np.atleast_1d(growth)
+    variance = known_variance + np.add.outer(errors.get(row["kind"], np.zeros(1)) ** 2, distance**2)
+    return row["scale"] * equivalent_sd(np.sqrt(variance).ravel())
 
 
 def equivalent_sd(sd: np.ndarray) -> float:

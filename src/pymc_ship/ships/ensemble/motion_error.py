@@ -126,9 +126,7 @@ def with_motion_error(
     units, growths = prime_units(vessel), np.atleast_1d(growth)
     quantile = (0.5 + np.outer(_GOLDEN ** -_STEPS.astype(float), np.arange(1, states.shape[1] + 1))) % 1.0
     for name, row, of_ship, of_distance in zip(ERROR_STATES, _ROWS, *np.split(quantile, 2), strict=True):
-        error = np.outer(
-            mixture_quantiles(np.atleast_1d(growth), of_distance), MOTION_EXTRAPOLATION_SD[name] * extrapolations[name]
-        )
+        error = np.outer(mixture_quantiles(growths, of_distance), MOTION_EXTRAPOLATION_SD[name] * extrapolations[name])
         if name in errors:
             error += np.outer(mixture_quantiles(np.asarray(errors[name]), of_ship), growth_with_lead_time(name, lead))
         with_error[row] += error * units[name]

@@ -232,11 +232,14 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
             "Intervals of the indices also include the model error, estimated from ships of other simulators and from "
             f"held-out manoeuvres. Its sd by kind of index is: {widened}."
         )
+    median, upper = np.quantile(EXTRAPOLATION_SD * ship.extrapolation_growth, (0.5, 0.95))
+    harder = ship.harder_indices.sizes["run"]
+    evidence = f"and {harder} harder run{'s' * (harder != 1)} forecast by the milder ones" if harder else "alone"
     return [
         *remarks,
-        "They also include the extrapolation error: an sd of "
-        f"{EXTRAPOLATION_SD:g} of the swing, of L/U and of L for each range of the runs by which the median ship "
-        "leaves their motion, estimated from ships of other simulators.",
+        "They also include the extrapolation error. For each range of the runs by which the median ship leaves their "
+        f"motion, its sd is {median:.2g} of the swing, of L/U and of L (95 % below {upper:.2g}). This is estimated "
+        f"from ships of other simulators {evidence}.",
     ]
 
 

@@ -9,6 +9,7 @@ import xarray as xr
 
 from pymc_ship.ships.ensemble.index_error import index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_rows
+from pymc_ship.ships.ensemble.ship import Ship
 
 OVERSHOOTS = ("first_overshoot", "second_overshoot")
 """Overshoots whose angles and times are summarised."""
@@ -64,6 +65,16 @@ def index_error_rows(table: xr.Dataset) -> list[dict]:
         error = row["forecast"] - row["measured"]
         with_error = dict(row) | {"error": error, "z": error / row["sd"]}
         rows.append(with_error | {"leave_one_out_sd": index_sd(row, others)})
+    return rows
+
+
+def harder_index_rows(ship: Ship) -> list[dict]:
+    """Indices of the harder runs, forecast by the milder ones, with ``error``, its ``sd`` and ``z``."""
+    rows = []
+    for row in index_rows(ship.harder_indices):
+        sd = index_sd(row, ship.index_error or {}, ship.extrapolation_growth)
+        error = row["forecast"] - row["measured"]
+        rows.append(row | {"error": error, "sd": sd, "z": error / sd})
     return rows
 
 

@@ -37,7 +37,7 @@ from pymc_ship.ships.identification.figures import (
     score_differences,
     term_set_scores,
 )
-from pymc_ship.ships.identification.held_out_errors import index_error_rows
+from pymc_ship.ships.identification.held_out_errors import harder_index_rows, index_error_rows
 from pymc_ship.ships.identification.model import ShipIdentification
 from pymc_ship.ships.identification.opening import (
     DOUBTS,
@@ -75,7 +75,17 @@ _FIGURES = (
 )
 _OF_PARAMETER = ("estimate", "sd", "known_value", "known_sd")
 _TABLES = (
-    *("runs", "checks", "term_sets", "refusals", "held_out_indices", "model_error", "coefficients", "correlations"),
+    *(
+        "runs",
+        "checks",
+        "term_sets",
+        "refusals",
+        "held_out_indices",
+        "harder_indices",
+        "model_error",
+        "coefficients",
+        "correlations",
+    ),
     "captive",
 )
 
@@ -172,6 +182,7 @@ def write_ship_report(
         "term_sets": term_set_rows(result),
         "refusals": refusal_rows(result.refusals),
         "held_out_indices": index_error_rows(result.held_out_indices),
+        "harder_indices": harder_index_rows(result.ship),
         "model_error": error_rows(result.ship.index_error or {}, most_dofs(c.vessel for c in result.candidates)),
         "coefficients": coefficient_rows(result.candidates[0]),
         "correlations": correlation_rows(result.candidates[0]),
@@ -469,6 +480,10 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
         "term_sets": ([_shown(row, channels) for row in rows["term_sets"]], sets),
         "refusals": (rows["refusals"], _REFUSALS),
         "held_out_indices": ([_named(row) for row in rows["held_out_indices"]], held),
+        "harder_indices": (
+            [_named(row) for row in rows["harder_indices"]],
+            held | {"beyond": ("ranges beyond the milder runs", fixed_point(1))},
+        ),
         "model_error": (rows["model_error"], {"kind": ("kind", str)} | sizes | {"unit": ("of", str)}),
         "correlations": (rows["correlations"], pairs),
         "captive": comparison_page_table(rows["captive"]),
