@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.ships.ensemble.index_error import index_sd, model_error
+from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_table
-from pymc_ship.ships.identification.held_out_errors import coverage, index_error_rows, overshoot_errors
+from pymc_ship.ships.identification.held_out_errors import (
+    coverage,
+    harder_index_rows,
+    index_error_rows,
+    overshoot_errors,
+)
+from tests.ships.ensemble.cases import ship_of
+from tests.ships.identification.cases import tanker
 
 
 def index_row(run, index, measured, forecast, sd=0.5, kind="angle"):
@@ -53,3 +60,12 @@ def test_held_out_rows_take_the_model_error_of_the_other_runs():
     assert index_error_rows(index_table(index[:1]))[0]["leave_one_out_sd"] == pytest.approx(
         index_sd(index[0], model_error([])), rel=1e-12
     )
+
+
+def test_indices_of_harder_runs_have_the_error_beyond_the_milder_ones():
+    row = index_row("a", "first_overshoot_angle", 10.0, 12.0) | {"beyond": 2.0}
+    known = {"harder_indices": index_table([row]), "extrapolation_growth": np.full(1, 5.0)}
+    (found,) = harder_index_rows(ship_of(tanker(), **known))
+    assert (found["error"], found["beyond"]) == (2.0, 2.0)
+    assert found["sd"] == pytest.approx(10.0 * 2.0 * 5.0 * EXTRAPOLATION_SD, rel=1e-12)
+    assert found["z"] == pytest.approx(2.0 / found["sd"], rel=1e-12)

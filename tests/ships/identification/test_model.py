@@ -16,7 +16,7 @@ from pymc_ship.physics.vessel.term_sets import OWN, TERM_SETS
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
-from pymc_ship.ships.ensemble.index_error import TYPICAL, index_sd
+from pymc_ship.ships.ensemble.index_error import TYPICAL, extrapolation_growth, index_sd
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 from pymc_ship.ships.identification import candidates as ship_candidates
@@ -113,6 +113,47 @@ class TestHeldOut:
             assert row["sd"] == pytest.approx(index_sd(row, identification.ship.index_error), rel=1e-12)
             assert row["sd"] > np.hypot(row["parameter_sd"], row["model_sd"])
             assert 0.0 < row["measured_sd"] < row["scale"]
+
+
+class TestHarderRuns:
+    def test_runs_above_the_largest_gap_of_the_yaw_rate_are_harder(self):
+        mild, hard = trial(ps.zigzag(10, 10)), trial(ps.zigzag(30, 20))
+        assert ship_model._harder_runs([hard, mild, mild], tanker()) == (0,)
+        assert ship_model._harder_runs([mild, hard, mild, hard], tanker()) == (1, 3)
+        assert ship_model._harder_runs([mild, trial(ps.zigzag(10, 10, side="starboard"))], tanker()) == ()
+        assert ship_model._harder_runs([mild], tanker()) == ()
+
+    def test_the_milder_runs_forecast_them(self, identification):
+        """The 20/20 lies beyond the 10/10 and the 15/5, and its forecast errs by what the draws explain."""
+        rows = list(index_rows(identification.ship.harder_indices))
+        assert {row["run"] for row in rows} == {"second"}
+        assert {row["index"] for row in rows} == set(scored_upright(RUNS[1]))
+        assert all(0.1 < row["beyond"] < 3.0 for row in rows)
+        held_out = [row for row in index_rows(identification.held_out_indices) if row["run"] == "second"]
+        for one, other in zip(rows, held_out, strict=True):  # the same fit, that without the only harder run
+            assert one["forecast"] == pytest.approx(other["forecast"], rel=1e-9)
+
+    def test_their_errors_decide_how_fast_the_error_grows(self, identification):
+        """Draws explain the errors of the right terms; forecasts wrong by a quarter are of a fast growth."""
+        ship = identification.ship
+        rows = list(index_rows(ship.harder_indices))
+        wrong = [row | {"forecast": row["forecast"] + 0.25 * row["scale"]} for row in rows]
+        np.testing.assert_allclose(ship.extrapolation_growth, extrapolation_growth(rows, ship.index_error), rtol=1e-12)
+        assert np.median(ship.extrapolation_growth) < 3.0
+        assert np.median(extrapolation_growth(wrong, ship.index_error)) > 10.0
+
+    def test_several_harder_runs_are_left_out_together(self):
+        """Two 20/20 zigzags by the fit to the two 10/10 zigzags alone."""
+        manoeuvres = [ps.zigzag(angle, angle, side=side) for angle in (10, 20) for side in ("port", "starboard")]
+        records = trials(3, manoeuvres)
+        both, mild = identified(records), identified(records[:2])
+        (candidate,), (alone,) = both.candidates, mild.candidates
+        first, second = candidate.milder.fits
+        np.testing.assert_array_equal(first.coefficients, second.coefficients)
+        spread = np.sqrt(np.diag(alone.fit.covariance)) / alone.inflation
+        assert np.abs((first.coefficients - alone.fit.coefficients) / spread).max() < 1.0
+        assert both.ship.harder_indices["run"].values.tolist() == ["3", "4"]
+        assert mild.ship.harder_indices.sizes["run"] == 0
 
 
 class TestHeldOutWeights:

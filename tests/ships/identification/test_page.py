@@ -242,7 +242,7 @@ def test_correlated_coefficients_are_warned_of():
 def test_the_same_input_gives_the_same_bytes(out, tmp_path):
     written(tmp_path, given=kvlcc2())
     files = sorted(path.relative_to(out) for path in out.rglob("*") if path.is_file())
-    assert len(files) == 13
+    assert len(files) == 14
     assert files == sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
     assert all((out / name).read_bytes() == (tmp_path / name).read_bytes() for name in files)
 
