@@ -70,14 +70,14 @@ def test_the_page_is_one_file_that_needs_no_other(page):
         assert len(set(tags.ids)) == len(tags.ids)
         assert {link.removeprefix("#") for link in tags.links} <= set(tags.ids)
         assert all(source.startswith("data:image/png;base64,") for source in tags.sources)
-        assert re.findall(r"<h3>(.*)</h3>", text) == TITLES
+        assert re.findall(r"<h3[^>]*>(.*)</h3>", text) == TITLES
         assert "https://" not in text
 
 
 @pytest.mark.slow
 def test_the_page_states_its_defaults_and_shows_every_figure(page):
     whole, _, _ = page
-    figures = set(Tags(whole).ids) - {"posterior-1", "repeat"}
+    figures = {one for one in Tags(whole).ids if not re.fullmatch(r"repeat|posterior-1(-\d+)?", one)}
     kinds = "forest trace rank ess noise predictive pair correlation residuals pareto pit ships"
     assert figures == {f"posterior-1-{kind}" for kind in kinds.split()}
     for text in (
@@ -150,7 +150,7 @@ def shared(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_section_of_several_methods_has_their_convergence_agreement_and_the_chains_of_nuts(shared):
-    assert re.findall(r"<h3>(.*)</h3>", shared) == TITLES
+    assert re.findall(r"<h3[^>]*>(.*)</h3>", shared) == TITLES
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>.*?</tr>", shared)]
     convergence_diagnostics = [row[:2] for row in cells if len(row) == 6 and row[0] in ("exact", "gibbs", "nuts")]
     assert [method for method, name in convergence_diagnostics if name == "largest R-hat"] == ["exact", "gibbs", "nuts"]

@@ -100,7 +100,7 @@ def test_a_bar_for_every_contraction_in_the_colour_of_its_judgement():
     fig = drawn(trajectory_figures.contraction(found))
     assert [ax.get_ylabel() for ax in fig.axes] == [f"{dof}: contraction" for dof in ("surge", "sway", "yaw")]
     assert sum(len(ax.patches) for ax in fig.axes) == 53
-    assert legend(fig) == ["determined", "not from zero", "prior"]
+    assert legend(fig) == ["determined", "includes zero", "prior"]
     heights = {round(patch.get_height(), 9) for ax in fig.axes for patch in ax.patches}
     assert heights == {round(max(value, 0.0), 9) for value in found["contraction"].values}
     assert next(text.get_text() for text in fig.axes[2].get_xticklabels()) == "Nv"

@@ -74,7 +74,8 @@ def failed(result, priors, level):
 def test_the_sentences_of_the_head_have_the_numbers_of_the_level_shown():
     assert bound_chapter.short(made_up()) == [
         "At the printed noise level of 0.447, 183 of 186 published errors are smaller than the Cramer-Rao bound, the "
-        "least standard error of an unbiased estimate; 68 % of normal errors on the bound would be.",
+        "least standard error of an unbiased estimate. Of unbiased normal estimates with this standard error, 68 % "
+        "have a smaller error.",
         "At noise level 0.01 the median error of a coefficient is 60 % with the paper's method and 8 % with a fit of "
         "whole trajectories; the bound gives 13 % for unbiased estimates.",
         "Forecasts of the 10/10 zigzag and the 35 deg turn have errors of 2 and 5 % with the paper's pipeline and 0.2 "

@@ -270,8 +270,8 @@ def narrowing(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
 
 
 def evidence_words(results: xr.Dataset) -> np.ndarray:
-    """Word on each coefficient of :func:`narrowing`: "determined", "not from zero" or "prior"."""
-    return np.where(results["determined"], "determined", np.where(results["narrowed"], "not from zero", "prior"))
+    """Word on each coefficient of :func:`narrowing`: "determined", "includes zero" or "prior"."""
+    return np.where(results["determined"], "determined", np.where(results["narrowed"], "includes zero", "prior"))
 
 
 def loadings(vector: np.ndarray, names: Sequence[str], count: int) -> str:

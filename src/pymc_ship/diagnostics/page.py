@@ -138,7 +138,7 @@ def _overview(compared: Sequence[Comparison]) -> Table:
         row["agreement"] = agreement if one.agreement is not None else "not compared"
         rows.append(row | dict(zip(("determined", "prior", "zero"), counts, strict=True)))
     columns = heads(str, posterior="posterior", convergence="convergence", agreement="exact posterior")
-    columns |= heads(str, determined="determined by the data", prior="follow the prior", zero="near zero")
+    columns |= heads(str, determined="determined by the data", prior="follow the prior", zero="interval includes zero")
     return table(rows, columns)
 
 

@@ -46,7 +46,7 @@ _BANDS |= heads(str, posterior="posterior") | heads(fixed_point(1), posterior_re
 
 EVIDENCE_WORDS = (
     f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
-    f"{CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
+    f"{CONTRACTION_LIMIT:g}; includes zero: narrowed by the data, but zero lies within {SD_LIMIT:g} sd of the mean."
 )
 """Meaning of the words of :func:`pymc_ship.diagnostics.numbers.evidence_words`."""
 
@@ -125,7 +125,7 @@ def diagnostics_table(one: Comparison) -> Table:
 
 
 def evidence_counts(contraction: xr.Dataset) -> tuple[int, int, int]:
-    """How many coefficients the data determine, how many follow the prior, and how many lie near zero."""
+    """How many coefficients the data determine, how many follow the prior, and how many intervals include zero."""
     determined, prior = int(contraction["determined"].sum()), int((~contraction["narrowed"]).sum())
     return determined, prior, contraction.sizes["coefficient"] - determined - prior
 
@@ -134,7 +134,11 @@ def evidence_sentence(contraction: xr.Dataset) -> str:
     """Sentence on what determines the coefficients."""
     determined, prior, zero = evidence_counts(contraction)
     rest = [f"{prior} follow{'s' * (prior == 1)} the prior"] if prior else []
-    rest += [f"{zero} cannot be distinguished from zero"] if zero else []
+    rest += (
+        [f"{zero} {'has an interval that includes' if zero == 1 else 'have intervals that include'} zero"]
+        if zero
+        else []
+    )
     text = f"{determined} of {contraction.sizes['coefficient']} coefficients are determined by the data"
     return f"{text}; {' and '.join(rest)}." if rest else f"{text}."
 

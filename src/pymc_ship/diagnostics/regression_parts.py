@@ -250,7 +250,7 @@ def _directions(tree: xr.DataTree) -> Part:
         f"does not exceed {CONTRACTION_LIMIT:g}. The condition number of the scaled design is {_n(condition)}."
     )
     columns = heads(_n, singular_value="singular value") | heads(fixed_point(4), data_precision="share of the data")
-    columns |= heads(str, direction="largest loadings, scaled columns over prior sd")
+    columns |= heads(str, direction="largest components, scaled columns over prior sd")
     shown = rows[: max(8, n_open)]
     caption = f"The {len(shown)} weakest directions of the design times prior sd over σ; share = s² / (s² + 1)."
     return Part(title, text, [(table(shown, columns), caption)])

@@ -23,7 +23,7 @@ LAGS = 40
 QUANTILES = 400
 """Quantiles drawn of the residuals of a channel."""
 
-_EVIDENCE_COLOURS = {"determined": BLUE, "not from zero": "#8fb7d8", "prior": RUST}
+_EVIDENCE_COLOURS = {"determined": BLUE, "includes zero": "#8fb7d8", "prior": RUST}
 
 
 def motion(tree: xr.DataTree, run: int) -> Figure:

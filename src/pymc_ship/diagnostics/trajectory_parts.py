@@ -246,7 +246,7 @@ def _directions(tree: xr.DataTree) -> Part:
         for k in range(count)
     ]
     columns = heads(fixed_point(3), remaining="prior variance left") | heads(
-        str, direction="largest loadings, in prior sd"
+        str, direction="largest components, in prior sd"
     )
     text = (
         "Principal directions of one half of the draws in prior standard deviations, and the variance of the other "

@@ -42,8 +42,8 @@ def _published_in_short(result: StudyResult) -> list[str]:
     below, errors = (sum(row[name] for row in rows) for name in ("below", "errors"))
     text = (
         f"At the printed noise level of {LITERAL_LEVEL:.3f}, {below} of {errors} published errors are smaller than the "
-        f"Cramer-Rao bound, the least standard error of an unbiased estimate; {BELOW_ON_BOUND} % of normal errors on "
-        "the bound would be."
+        f"Cramer-Rao bound, the least standard error of an unbiased estimate. Of unbiased normal estimates with "
+        f"this standard error, {BELOW_ON_BOUND} % have a smaller error."
     )
     return [text] if rows else []
 
@@ -58,9 +58,9 @@ def _published(result: StudyResult) -> str:
     levels = " and ".join(f"{_n(row['level'])} ({_shorter(row['family'])})" for row in rows)
     return (
         f"At the printed noise level of {LITERAL_LEVEL:.3f}, {below} of {errors} published errors lie below the "
-        f"Cramer-Rao bound; {BELOW_ON_BOUND} % of normal errors on the bound would. The median error on the bound is "
-        f"{_n(rows[0]['on_bound'])} %. An unbiased estimator can reach the published errors at noise levels of "
-        f"{levels} or less."
+        f"Cramer-Rao bound. Of unbiased normal estimates on the bound, {BELOW_ON_BOUND} % do. The median error on the "
+        f"bound is {_n(rows[0]['on_bound'])} %. An unbiased estimator can reach the published errors at noise levels "
+        f"of {levels} or less."
     )
 
 

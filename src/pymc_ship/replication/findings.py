@@ -38,13 +38,14 @@ def _forecast(result: StudyResult, name: str, level: float, family: str) -> dict
 
 def short(result: StudyResult) -> list[str]:
     """Five sentences that head the page: published errors, methods, forecasts and samplers."""
-    worst = max(float(d["largest_z"].max()) for by_dof in result.agreement.values() for d in by_dof.values())
+    blocks = [block for by_dof in result.agreement.values() for block in by_dof.values()]
+    worst = max(blocks, key=lambda block: float(block["largest_z"].max()))
     published = [_published_medians(result)] if _has_published(result) else []
     return [
         *published,
         *bound_chapter.short(result),
         f"Gibbs sampler and NUTS agree with the exact posterior in {_count_agreeing(result)} comparisons (largest |z| "
-        f"{worst:.2f}), so the choice of sampler does not explain the errors."
+        f"{float(worst['largest_z'].max()):.2f}, limit {worst.attrs['z_limit']:.2f}), so the choice of sampler does not explain the errors."
         if _all_agree(result)
         else f"Gibbs sampler and NUTS agree with the exact posterior in {_count_agreeing(result)} comparisons.",
     ]

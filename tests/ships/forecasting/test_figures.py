@@ -59,7 +59,10 @@ class TestHeadingAndRudder:
 
     def test_a_circle_has_a_panel_for_each(self):
         upper, lower = drawn("port", "heading_and_rudder").axes
-        assert (upper.get_ylabel(), lower.get_ylabel()) == ("heading ψ [deg]", "rudder δ [deg]")
+        assert (upper.get_ylabel(), lower.get_ylabel()) == (
+            "heading ψ [deg]\npositive to starboard",
+            "rudder δ [deg]\npositive to port",
+        )
         assert lower.get_lines()[0].get_ydata().max() == pytest.approx(35.0)
 
     def test_a_missing_heading_leaves_the_forecast(self):

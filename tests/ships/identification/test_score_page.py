@@ -11,7 +11,7 @@ import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.identification.replay import channel_rows, index_errors
-from pymc_ship.ships.identification.score_page import errors_by_channel, windows_of, write_score_page
+from pymc_ship.ships.identification.score_page import _missed, errors_by_channel, windows_of, write_score_page
 from tests.replication.cases import Page
 from tests.ships.ensemble.cases import ship_of
 
@@ -41,6 +41,12 @@ def scored(records):
     ship = altered("Ngsincos", 0.9)
     found = ps.score(ship, list(records.values()), names=list(records), length=150)
     return ship, found, ps.score_indices(ship, list(records.values()), names=list(records), rng=2020)
+
+
+def test_missed_indices_head_the_page():
+    rows = [{"run": "z", "index": name, "inside": inside} for name, inside in (("a", "no"), ("b", "yes"), ("c", ""))]
+    assert _missed(rows) == "1 of 2 measured indices lie outside the intervals of 95 %: a of z."
+    assert _missed(rows[1:]) == ""
 
 
 def test_indices_of_recorded_manoeuvres_stand_beside_the_forecasts(scored):

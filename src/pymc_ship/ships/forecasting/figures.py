@@ -21,6 +21,7 @@ from pymc_ship.ships.forecasting.track import median_ship, track
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
 _FALLEN = 0.5  # heading change [deg] after which an overshoot's peak is passed
+SIGNS = "angle [deg]: heading positive to starboard, rudder to port"  # axis of heading and rudder
 _POINTS = 400
 _TRACKS = 40  # draws of a turning circle
 _ZIGZAG_SHOWN = 20.0  # L/U
@@ -50,12 +51,12 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
         _panel(upper, tree, "psi", trial, mark="heading: ")
         _panel(upper, tree, "delta", trial, colour=RUST, mark="rudder: ")
         _overshoots(upper, tree, trial)
-        upper.set_ylabel(f"{CHANNELS['psi'].label} and {CHANNELS['delta'].axis}")
+        upper.set_ylabel(SIGNS)
     else:
         _panel(upper, tree, "psi", trial)
         _panel(lower, tree, "delta", trial)
-        upper.set_ylabel(CHANNELS["psi"].axis)
-        lower.set_ylabel(CHANNELS["delta"].axis)
+        upper.set_ylabel(f"{CHANNELS['psi'].axis}\npositive to starboard")
+        lower.set_ylabel(f"{CHANNELS['delta'].axis}\npositive to port")
     lower.set_xlabel("time from the rudder's execution [s]")
     lower.set_xlim(0.0, float(tree["bands"].dataset["time"][-1]))
     legend_above(fig, [upper], 4)

@@ -196,7 +196,7 @@ def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
     ax.set_ylim(len(rows) - 0.4, -0.6)
     if not np.isfinite([row["mean"] for row in rows]).any():
         ax.set_xlim(-1.0, 0.1)
-    ax.set_xlabel(f"score less that of “{best}” [nats per run]; to the left is worse")
+    ax.set_xlabel(f"elpd less that of “{best}” [nats per run]; to the left is worse")
     marks = [
         Line2D([], [], ls="", marker="o", ms=5, color=colour, label=f"mean over the runs, bar of {percent(BARS)}"),
         Line2D([], [], ls="", marker="|", ms=9, color=RUST, label="single runs"),

@@ -448,7 +448,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
         "coefficients": ("coefficients", fixed_point(0)),
         "weight": ("weight %", fixed_point(1)),
     }
-    sets |= {"score": ("held-out score", _score), "to_best": ("to the best", _score)}
+    sets |= {"score": ("held-out elpd", _score), "to_best": ("less the best", _score)}
     sets |= _rms_columns(channels) | {
         "inflation": ("sd inflation", fixed_point(2)),
         "design_effect": ("design effect", fixed_point(0)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +91,7 @@ def write_score_page(
             "runs": table(runs, by_run),
             "indices": table(index_error_rows, heads),
         },
+        "missed": _missed(index_error_rows),
         "shown": selected,
         "command": command,
     }
@@ -102,6 +103,15 @@ def write_score_page(
     )
     tables = {"score_channels": rows, "score_runs": runs, "score_indices": index_error_rows}
     return write_page(PAGE, out, Content(values, figures, tables))
+
+
+def _missed(rows: Sequence[Mapping]) -> str:
+    """Sentence: number of measured indices outside their intervals of 95 %, and which; empty where none is."""
+    known = [row for row in rows if row["inside"]]
+    missed = [row for row in known if row["inside"] == "no"]
+    listed = "; ".join(f"{row['index']} of {row['run']}" for row in missed)
+    text = f"{len(missed)} of {len(known)} measured indices lie outside the intervals of 95 %: {listed}."
+    return text if missed else ""
 
 
 def _in_percent(row: Mapping) -> dict:

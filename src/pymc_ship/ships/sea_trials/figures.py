@@ -47,8 +47,8 @@ def swings(trials: Mapping[str, xr.Dataset], switching: Mapping[str, float]) -> 
         run = align_to_first_execute(denoise_motion(trial))
         for level in (-switching[name], switching[name]):
             ax.axhline(level, color=REFERENCE, ls="--", lw=0.8, label="switching heading" if level > 0.0 else None)
-        ax.plot(run["time"], np.rad2deg(run["psi"]), color=BLUE, label="heading")
-        ax.plot(run["time"], np.rad2deg(run["delta"]), color=RUST, lw=0.9, label="rudder angle")
+        ax.plot(run["time"], np.rad2deg(run["psi"]), color=BLUE, label="heading, positive to starboard")
+        ax.plot(run["time"], np.rad2deg(run["delta"]), color=RUST, lw=0.9, label="rudder angle, positive to port")
         ax.set_title(name, parse_math=False)
         ax.set(xlabel="time [s]", ylabel="angle [deg]")
     legend_above(fig, axes)
