@@ -21,7 +21,7 @@ from pymc_ship.ships.forecasting.track import median_ship, track
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
 _FALLEN = 0.5  # heading change [deg] after which an overshoot's peak is passed
-SIGNS = "angle [deg]: heading positive to starboard, rudder to port"  # axis of heading and rudder
+SIGNS = "heading [deg], positive to starboard\nrudder [deg], positive to port"
 _POINTS = 400
 _TRACKS = 40  # draws of a turning circle
 _ZIGZAG_SHOWN = 20.0  # L/U

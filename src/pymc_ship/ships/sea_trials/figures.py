@@ -26,7 +26,7 @@ def circles(trials: Mapping[str, xr.Dataset], currents: Mapping[str, DriftCurren
     for ax, (name, trial) in zip(axes, trials.items(), strict=False):
         smooth, label = denoise_motion(trial), "as measured"
         track = align_to_first_execute(smooth)
-        if name in currents:
+        if name in currents and currents[name].velocity.any():
             ax.plot(track["y"] / L, track["x"] / L, color=NOISE, label=label)
             track = align_to_first_execute(without_current(smooth, currents[name].velocity))
             label = "without the drift"

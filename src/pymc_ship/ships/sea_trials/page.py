@@ -36,9 +36,9 @@ _VALUES = (
 _PARTS = heads(at_least(3), u_record="record", u_current="drift", u_model="model", u_runs="runs", u_c="u_c")
 _CURRENT = (
     heads(str, run="run")
-    | heads(fixed_point(3), speed="speed [m/s]")
+    | heads(number(2), speed="speed [m/s]")
     | heads(fixed_point(0), direction="to [deg]")
-    | heads(fixed_point(3), u_north="u, north [m/s]", u_east="u, east [m/s]")
+    | heads(number(2), u_north="u, north [m/s]", u_east="u, east [m/s]")
     | heads(str, pairs="pairs")
 )
 _WIND = heads(str, run="run") | heads(fixed_point(1), speed="speed [m/s]") | heads(fixed_point(0), origin="from [deg]")

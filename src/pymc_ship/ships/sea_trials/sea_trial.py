@@ -199,17 +199,17 @@ def _currents(
                 continue
             if not current.is_certain:
                 remarks.append(
-                    f"The drift of {name}, {current.speed:.2g} m/s, is not larger than its own error, "
-                    f"{current.sd.max():.2g} m/s in each direction, and is not subtracted."
+                    f"The drift of {name}, {current.speed:.2g} m/s, is not subtracted: with a standard uncertainty of "
+                    f"{current.sd.max():.2g} m/s in each direction, its region of 95 % includes 0."
                 )
                 current = replace(current, velocity=np.zeros(2))
             currents[name] = current
     others = [name for name in manoeuvres if name not in currents and {"x", "y"} <= set(trials[name].data_vars)]
     if not currents:
         return {}, [*remarks, "The indices are not corrected for current, as no run gives it; turn through 720 deg."]
-    if with_wind:
+    if mixed := [name for name in with_wind if currents[name].velocity.any()]:
         remarks.append(
-            f"The drift of {', '.join(with_wind)} is that of current and wind together, as no model gives the wind's."
+            f"The drift of {', '.join(mixed)} is that of current and wind together, as no model gives the wind's."
         )
     reason = "it includes that of their wind" if with_wind else "no date states that all runs are of one day"
     if others and (with_wind or not one_day):
