@@ -12,6 +12,7 @@ import pytest
 
 from pymc_ship.ships.design.outlook import manoeuvring_summary
 from pymc_ship.ships.forecasting.page import index_rows, verdict_rows
+from pymc_ship.ships.identification import opening
 from pymc_ship.ships.identification import page as ship_report
 from pymc_ship.ships.identification.held_out_errors import index_error_rows
 from pymc_ship.ships.identification.opening import measured_sentences, opening_sentences
@@ -39,6 +40,13 @@ def test_coverage_names_the_manoeuvres_that_it_covers():
     text = " ".join(measured_sentences(model(), held_out(), forecasts()))
     assert "of 21 measured indices lie inside the intervals of 95 %" in text
     assert "This covers zigzag 10/10 and zigzag 20/20 and zigzag 15/5 only." in text
+
+
+def test_harder_runs_have_their_own_count(monkeypatch):
+    rows = [{"manoeuvre": "zigzag 20/20 port", "z": z} for z in (0.1, -2.5, 1.9)]
+    monkeypatch.setattr(opening, "harder_index_rows", lambda ship: rows)
+    text = " ".join(measured_sentences(model(), held_out(), {}))
+    assert "Harder runs (zigzag 20/20 port), forecast by the milder ones alone: 2 of 3 measured indices" in text
 
 
 def test_manoeuvres_without_a_run_are_named_with_their_extrapolation():

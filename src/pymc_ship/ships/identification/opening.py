@@ -12,7 +12,7 @@ from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.ships.forecasting.extrapolation import percentage_outside
 from pymc_ship.ships.forecasting.page import index_rows
 from pymc_ship.ships.forecasting.stopping import stopping_advice
-from pymc_ship.ships.identification.held_out_errors import QUANTILES, coverage, overshoot_errors
+from pymc_ship.ships.identification.held_out_errors import QUANTILES, coverage, harder_index_rows, overshoot_errors
 from pymc_ship.ships.identification.model import ShipIdentification
 
 DOUBTS = ("doubtful", "bad")  # verdicts of checks that the page lists
@@ -44,17 +44,28 @@ def measured_sentences(
     if held_out:
         kinds = " and ".join(dict.fromkeys(f"{row['manoeuvre'].rpartition(' ')[0]}" for row in held_out))
         sentences.append(
-            f"Held-out runs: {coverage(held_out)['95']} of {len(held_out)} measured indices lie inside the intervals "
+            f"Held-out runs: {_inside(held_out)} of {len(held_out)} measured indices lie inside the intervals "
             f"of 95 %. This covers {kinds} only."
         )
     else:
         sentences.append("No measured manoeuvre was predicted from other runs: the intervals are not tested.")
+    if harder := harder_index_rows(result.ship):
+        runs = ", ".join(dict.fromkeys(row["manoeuvre"] for row in harder))
+        sentences.append(
+            f"Harder runs ({runs}), forecast by the milder ones alone: {_inside(harder)} of {len(harder)} measured "
+            "indices lie inside."
+        )
     unsupported = [f"{label} ({_outside(tree)})" for label, tree in forecasts.items() if label not in labels]
     sentences.append(
         f"Not measured, forecast only: {'; '.join([*unsupported, 'stopping test'])}. Extrapolated intervals can be too "
         "narrow; compare a run with them before you rely on them."
     )
     return sentences
+
+
+def _inside(rows: Sequence[Mapping]) -> int:
+    """Number of rows whose interval of 95 % covers the measurement."""
+    return sum(abs(row["z"]) <= QUANTILES["95"] for row in rows)
 
 
 def _missed(row: Mapping) -> str:
