@@ -8,7 +8,9 @@ import time
 from statistics import median
 
 import numpy as np
+import pytest
 
+import pymc_ship as ps
 from pymc_ship.cli import commands, ship_commands, words
 from pymc_ship.cli import parser as command_parser
 from pymc_ship.cli.main import main
@@ -122,3 +124,13 @@ def test_a_pattern_that_names_no_file_is_refused_in_one_sentence(tmp_path, monke
     assert main(["check", "trials/*.csv"]) == 2
     message = "pymc-ship: A pattern must match at least one file, found none for trials/*.csv; correct it.\n"
     assert capsys.readouterr().err == message
+
+
+@pytest.mark.parametrize(
+    ("words", "interval"),
+    [((), 0.9), (("--derivative", "weak"), None), (("--interval", "all"), None), (("--interval", "0.6"), 0.6)],
+)
+def test_the_default_interval_of_rows_is_a_multiple_of_the_sampling_interval(container, words, interval):
+    args = parser().parse_args(["regress", "trial.csv", "--vessel", "container", "--out", "out", *words])
+    trial = ps.simulate(container, ps.zigzag(20.0, 20.0), duration=60.0, step=0.1, record_interval=0.3)
+    assert commands._row_interval(trial, args) == (interval and pytest.approx(interval))

@@ -147,7 +147,10 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
         ("denoise {made}/trial.csv --prior flat --out {out}", "invalid choice: 'flat'"),
         ("regress {made}/trial.csv --vessel container --family flat --out {out}", "invalid choice: 'flat'"),
         ("regress {made}/trial.csv --vessel container --draws 10 --out {out}", "a positive multiple of 4, found '10'"),
-        ("regress {made}/trial.csv --vessel container --interval soon --out {out}", "seconds or 'all', found 'soon'"),
+        (
+            "regress {made}/trial.csv --vessel container --interval soon --out {out}",
+            "seconds, 'all' or 'auto', found 'soon'",
+        ),
         ("regress {made}/trial.csv --vessel {small} --interval 0.15 --out {out}", "multiple of the sampling interval"),
         (
             "tune {made}/trial.csv --vessel {small} --dof roll --family conjugate --out {out}",

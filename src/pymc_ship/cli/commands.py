@@ -52,9 +52,10 @@ from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import CHANNELS, unmodelled_roll_text
-from pymc_ship.trial.record import nonzero_channels
+from pymc_ship.trial.record import nonzero_channels, sampling_interval
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
+_ROW_INTERVAL = 1.0  # s, of Xue et al. (2020)
 OFFSETS = {"auto": None, "yes": True, "no": False}
 """Argument ``offsets`` by the choices of ``--offsets``."""
 
@@ -166,7 +167,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
     families = FAMILIES if args.family == "both" else (args.family,)
-    settings = {"interval": args.interval, "derivative": args.derivative, "selection": args.select}
+    settings = {"interval": _row_interval(trial, args), "derivative": args.derivative, "selection": args.select}
     trial = _smooth(trial, args, progress)
     result = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)
     rows = []
@@ -207,7 +208,7 @@ def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     (trial,), vessel = _fit_arguments([args.trial], args, progress)
     out = output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
-    data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)
+    data = ps.regression_data(trial, vessel, args.dof, interval=_row_interval(trial, args), derivative=args.derivative)
     progress(f"tuning the {args.family} prior of the {args.dof}: {args.evaluations} evaluations")
     settings = {"evaluations": args.evaluations, "folds": args.folds, "split": args.split}
     tuned = tune_prior(data, args.family, rng=np.random.default_rng(args.seed), **settings)
@@ -305,6 +306,16 @@ def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
     except ValueError as error:
         raise SimulationError(f"The rudder programme {path} cannot be read: {error}; correct the file.") from None
     return time, np.deg2rad(delta_deg)
+
+
+def _row_interval(trial: xr.Dataset, args: argparse.Namespace) -> float | None:
+    """Interval of the rows [s] that a command asks for; None for the default of the library."""
+    from pymc_ship.inference.rows.from_trials import WEAK
+
+    if args.interval == "all" or (args.interval == "auto" and args.derivative in WEAK):
+        return None
+    step = sampling_interval(trial)
+    return step * max(round(_ROW_INTERVAL / step), 1) if args.interval == "auto" else args.interval
 
 
 def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> xr.Dataset:

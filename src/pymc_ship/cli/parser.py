@@ -193,8 +193,8 @@ def _add_regression(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--interval",
         type=interval,
-        default=1.0,
-        help="interval of the rows [s], or `all` samples (%(default)s); use 4 with the weak form",
+        default="auto",
+        help="interval of the rows [s], `all` samples or `auto` (%(default)s): about 1 s, or 0.22 L/U in the weak form",
     )
     command.add_argument(
         "--derivative",

@@ -80,12 +80,13 @@ def noise(text: str) -> float | str | tuple[str, ...]:
         ) from None
 
 
-def interval(text: str) -> float | None:
-    """Interval of rows [s]; None for all samples."""
+def interval(text: str) -> float | str:
+    """Interval of rows [s], "all" or "auto"."""
     try:
-        return None if text == "all" else float(text)
+        return text if text in ("all", "auto") else float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"an interval must be a number of seconds or 'all', found {text!r}") from None
+        words = "an interval must be a number of seconds, 'all' or 'auto'"
+        raise argparse.ArgumentTypeError(f"{words}, found {text!r}") from None
 
 
 def flow(text: str) -> tuple[float, float]:

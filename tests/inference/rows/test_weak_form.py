@@ -9,7 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.inference.rows import weak_form as module
-from pymc_ship.inference.rows.weak_form import METHODS, RADIUS, bump, coefficient_scales, weak_form, weak_form_start
+from pymc_ship.inference.rows.weak_form import METHODS, bump, coefficient_scales, weak_form, weak_form_start
 from pymc_ship.physics.forces.terms import evaluate, order
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from tests.sentences import refused
@@ -81,6 +81,16 @@ def smooth_trial(container):
 
 
 @pytest.fixture(scope="module")
+def tanker():
+    return ps.load_vessel("kvlcc2")
+
+
+@pytest.fixture(scope="module")
+def slow_zigzag(tanker):
+    return ps.simulate(tanker, ps.zigzag(20.0, 20.0), duration=1200.0, method="rk4", step=0.5)
+
+
+@pytest.fixture(scope="module")
 def flat_bottomed(container):
     """The container ship without roll."""
     forces = {dof: tuple(c for c in container.forces[dof] if "p" not in c.term) for dof in ("surge", "sway", "yaw")}
@@ -117,8 +127,8 @@ class TestExactness:
     def test_a_forward_difference_fails(self, container, zigzag_trial, monkeypatch):
         """The broken twin."""
 
-        def forward(step, method):
-            phi, _ = bump(step, method)
+        def forward(n_radius, step, method):
+            phi, _ = bump(n_radius, step, method)
             return phi, np.diff(phi, append=0.0) / step
 
         monkeypatch.setattr(module, "bump", forward)
@@ -237,15 +247,38 @@ class TestPrior:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("step", [0.02, 0.3, 1.0])
-def test_the_test_function_takes_over_the_derivative(method, step):
-    phi, dphi = bump(step, method)
+@pytest.mark.parametrize(("n_radius", "step"), [(250, 0.02), (17, 0.3), (5, 1.0)])
+def test_the_test_function_takes_over_the_derivative(method, n_radius, step):
+    phi, dphi = bump(n_radius, step, method)
     time = step * np.arange(phi.size)
     assert phi.sum() == pytest.approx(1.0)
     assert dphi.sum() == pytest.approx(0.0, abs=1e-12)
     assert -dphi @ time == pytest.approx(1.0, rel=1e-3)
     assert (phi[0], phi[-1]) == (0.0, 0.0)
-    assert time[-1] == pytest.approx(2.0 * RADIUS, abs=step)
+    assert time[-1] == pytest.approx(2.0 * n_radius * step)
+
+
+class TestLongIntervals:
+    """The test function goes with L/U, so that a ship three times as long may be sampled three times as slowly."""
+
+    @pytest.mark.parametrize(("interval", "limit"), [(0.5, 0.1), (2.0, 0.5), (4.0, 6.0)])
+    def test_a_tanker_is_sampled_slowly(self, tanker, slow_zigzag, interval, limit):
+        """A clean record at 0.5 Hz has 20 samples in L/U."""
+        coarse = slow_zigzag.isel(time=slice(None, None, round(interval / 0.5)))
+        data = ps.regression_data(coarse, tanker, "yaw", derivative="weak")
+        found, truth = data.least_squares[1:3], tanker.coefficients("yaw").values[1:3]  # Nv and Nr
+        assert 100.0 * np.abs(found / truth - 1.0).max() < limit
+
+    def test_rows_and_check_refuse_the_same_record(self, tanker, slow_zigzag):
+        for interval in (2.0, 9.0, 16.0):
+            coarse = slow_zigzag.isel(time=slice(None, None, round(interval / 0.5)))
+            (check,) = (check for check in ps.trial_checks(coarse, tanker) if check.name == "sampling")
+            if check.verdict == "bad":
+                with refused(ps.TrialError, 4, interval):
+                    weak_form(coarse, tanker)
+            else:
+                weak_form(coarse, tanker)
+            assert (check.verdict == "bad") == (interval == 16.0)
 
 
 class TestErrors:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.records.checks.plausibility import DRIFT, _faults, piece_check
+from pymc_ship.records.checks.plausibility import DRIFT, _faults, piece_check, pieces_ahead, spans_text
 from pymc_ship.records.checks.verdicts import SLOW, ship_blocks, ship_scale
 from tests.records.checks.cases import alarms, changed, checks_by_name, noisy, simulated
 
@@ -132,6 +132,24 @@ def test_a_record_from_rest_is_cut_to_the_piece_that_models_hold(container):
     assert bool((0.9 * SLOW * U.max() < U).all())
     assert bool((np.abs(piece["v"]) <= DRIFT * U).all())
     assert "from" in piece.attrs["record_remarks"]
+
+
+@pytest.mark.parametrize(("ship_times", "count"), [(0.4, 1), (1.5, 2)])
+def test_check_and_identification_have_the_same_pieces(container, ship_times, count):
+    """A zigzag begins while the ship gathers way: its speed falls below the limit once more."""
+    trial = trackless(simulated(container, ps.zigzag(20.0, 20.0)))
+    scale = ship_scale(trial, container)
+    time, begin = trial["time"].values, 4.0 * scale.time
+    slow = (time >= begin) & (time < begin + ship_times * scale.time)
+    trial = changed(trial, **{name: np.where(slow, 0.28, 1.0) * trial[name].values for name in ("u", "v")})
+    pieces = pieces_ahead(trial, scale)
+    assert len(pieces) == count
+    check = piece_check(trial, scale)
+    assert check.verdict == ("good" if count == 1 else "doubtful")
+    if count == 2:
+        longest = max(pieces, key=lambda piece: piece.sizes["time"])["time"].values
+        assert (check.value("from"), check.value("until")) == (longest[0], longest[-1])
+        assert spans_text(pieces) in check.sentence
 
 
 @pytest.mark.parametrize(("ship_times", "verdict"), [(1.8, "bad"), (3.0, "doubtful")])

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.weak_form import INDEPENDENT, weak_form
+from pymc_ship.inference.rows.weak_form import radius_samples, row_stride, weak_form
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.physics.forces.prime_system import to_prime
@@ -38,7 +38,7 @@ def regression_data(
     """Design matrix and response of one degree of freedom, from one trial or several; Xue et al. (2020), Eq. 6, 21.
 
     Differences need a denoised trial. The weak form takes the trial as measured: its rows are means under test
-    functions of 10 s. Rows closer than 4 s share noise, which the posterior ignores: its intervals are too narrow.
+    functions of 0.55 L/U. Rows closer than 0.22 L/U share noise, which the posterior ignores: too narrow intervals.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def regression_data(
         Particulars, inertia and the terms of the DOF; its reference coefficients are not used.
     dof : {"surge", "sway", "yaw", "roll"}
     interval : float, optional
-        Interval of the rows [s], a multiple of the sampling interval; by default every sample, or 4 s (weak form).
+        Interval of the rows [s], a multiple of the sampling interval; by default every sample, or 0.22 L/U (weak form).
     derivative : {"euler", "central", "savgol", "weak", "weak_euler"}, optional
         Accelerations by :func:`pymc_ship.records.denoising.derivative.derivative`; or the weak form, "weak" for
         measured records, "weak_euler" for records of Euler steps of the sampling interval.
@@ -144,7 +144,7 @@ def _weak_rows(
     trial: xr.Dataset, vessel: Vessel, dof: str, stride: int | None, derivative: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Terms, response and centre of the test functions that lie inside the record."""
-    stride = stride or round(INDEPENDENT / sampling_interval(trial))
+    stride = stride or row_stride(radius_samples(trial, vessel))
     form = weak_form(trial, vessel, stride=stride, method=WEAK[derivative])
     return form.design_matrices[dof], form.responses[dof], form.time
 

@@ -20,19 +20,21 @@ from pymc_ship.physics.motion.equations import VELOCITIES
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
+from pymc_ship.records.checks.record_quality import SAMPLES_BAD
+from pymc_ship.records.checks.verdicts import ship_scale
 from pymc_ship.trial.record import sampling_interval, trial_list
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-RADIUS = 5.0
-"""Half the support of a test function [s]."""
+RADIUS = 0.275
+"""Half the support of a test function [L/U_nom], at least :data:`_FEWEST` samples."""
 
-INTERVAL = 1.0
-"""Interval of the centres of the test functions for the start of a fit [s]."""
+INTERVAL = 0.2
+"""Interval of the centres of the test functions for the start of a fit, over the radius."""
 
-INDEPENDENT = 4.0
-"""Interval of the centres [s] at which rows count as independent."""
+INDEPENDENT = 0.8
+"""Interval of the centres at which rows count as independent, over the radius."""
 
 METHODS = ("euler", "rk4")
 """Origin of a record: "euler" for Euler steps of the sampling interval, "rk4" for all other motion."""
@@ -58,17 +60,28 @@ class WeakForm:
     responses: dict[str, np.ndarray]
 
 
-def bump(step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:
+def radius_samples(trial: xr.Dataset, vessel: Vessel) -> int:
+    """Samples in a radius; TrialError where the check of the sampling is bad, too."""
+    step, ship_time = sampling_interval(trial), ship_scale(trial, vessel).time
+    if ship_time < SAMPLES_BAD * step:
+        raise TrialError(
+            f"The weak form needs {SAMPLES_BAD:g} samples in L/U, at most {ship_time / SAMPLES_BAD:.3g} s apart, found "
+            f"{step:g} s; sample faster."
+        )
+    return max(round(RADIUS * vessel.particulars.ship_time / step), _FEWEST)
+
+
+def row_stride(n_radius: int, interval: float = INDEPENDENT) -> int:
+    """Samples from one centre to the next, for an interval over the radius."""
+    return max(round(interval * n_radius), 1)
+
+
+def bump(n_radius: int, step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:
     """Test function (1 - s^2)^6 over [-1, 1] radii, of unit sum, and its derivative [1/s], shape (2 n_radius + 1,).
 
-    The derivative is a difference for "euler", exact for "rk4". TrialError for a step [s] above a quarter of RADIUS.
+    The derivative is a difference for "euler", exact for "rk4"; ``step``: sampling interval [s].
     """
     check_choice("The method of a record", method, METHODS)
-    n_radius = round(RADIUS / step)
-    if n_radius < _FEWEST:
-        raise TrialError(
-            f"The weak form needs samples at most {RADIUS / _FEWEST:g} s apart, found {step:g} s; sample faster."
-        )
     s = np.arange(-n_radius, n_radius + 1) / n_radius
     phi = (1.0 - s**2) ** _POWER
     slope = -2.0 * _POWER * s * (1.0 - s**2) ** (_POWER - 1) / (n_radius * step)
@@ -97,14 +110,14 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
     from pymc_ship.records.denoising.denoise import denoise
 
     record, step = motion_record(trial, vessel), sampling_interval(trial)
-    phi, dphi = bump(step, method)
-    n_time, n_radius = record["u"].size, phi.size // 2
-    stride = max(1, round(INTERVAL / step)) if stride is None else stride
+    n_time, n_radius = record["u"].size, radius_samples(trial, vessel)
+    phi, dphi = bump(n_radius, step, method)
+    stride = row_stride(n_radius, INTERVAL) if stride is None else stride
     centres = np.arange(-(-n_radius // stride) * stride, n_time - n_radius, stride)
     if centres.size == 0:
         raise TrialError(
-            f"The weak form needs a record longer than its test function of {2.0 * RADIUS:g} s, found {n_time} samples "
-            f"over {(n_time - 1) * step:g} s; use a longer trial."
+            f"The weak form needs a record longer than its test function of {2.0 * n_radius * step:.3g} s, found "
+            f"{n_time} samples over {(n_time - 1) * step:g} s; use a longer trial."
         )
     average, differentiate = (_windows(kernel, centres - n_radius, n_time) for kernel in (phi, dphi))
     names = [name for name in record if name != "delta"]

@@ -31,6 +31,7 @@ from pymc_ship.trial.record import sampling_interval
 DRIFT = 0.6  # largest v/U of a ship that makes way ahead: a drift angle of 37 deg, beyond that of the tightest turns
 TURNING = 2.0  # largest rL/U of a ship that makes way ahead: a circle of one ship length in diameter
 SHORTEST_PIECE = 2.5  # shortest piece of a record [L/U] that can be fitted: half a window of inference.trajectory
+BRIDGED = 0.5  # longest time [L/U] below the least speed that does not end a piece: gathering way, it is crossed twice
 _BLOCK = 0.25  # L/U
 _SUSPICIOUS = 3.0  # standard errors beyond a range from which a quantity is doubted
 
@@ -251,9 +252,17 @@ def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False)
         most = f"for {piece:.3g} s at most" if ahead.any() else "at no time"
         text = f"{text} {most}; the models cover nothing else, and a fit needs {SHORTEST_PIECE * scale.time:.3g} s."
         return Check(name, "bad", text, numbers)
-    text = f"{text} from {numbers[0][1]:.4g} to {numbers[1][1]:.4g} s; only this piece is used"
-    text = f"{text} ({ahead.mean():.0%} of the time qualifies)."
+    text = (
+        f"{text} {spans_text(pieces_ahead(trial, scale))} ({ahead.mean():.0%} of the time). A ship is identified from "
+    )
+    text += f"every such piece; other fits use the longest, {piece:.4g} s."
     return Check(name, "doubtful", text, numbers, mendable=True)
+
+
+def spans_text(pieces: list[xr.Dataset]) -> str:
+    """Words on the times of pieces."""
+    ends = [piece["time"].values[[0, -1]] for piece in pieces]
+    return " and ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in ends)
 
 
 def pieces_ahead(trial: xr.Dataset, scale: ShipScale) -> list[xr.Dataset]:
@@ -269,7 +278,14 @@ def pieces_ahead(trial: xr.Dataset, scale: ShipScale) -> list[xr.Dataset]:
 def _blocks_ahead(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, int]:
     """Mask of the blocks that models for a ship ahead cover, and the samples per block."""
     motion, size = _motion(trial, scale, None)
-    return motion.ahead & (np.abs(motion.r) * scale.L <= TURNING * motion.U if scale.known else True), size
+    steady = (np.abs(motion.v) <= DRIFT * motion.U) & (motion.u > 0.0)
+    steady &= np.abs(motion.r) * scale.L <= TURNING * motion.U if scale.known else True
+    ahead = steady & (motion.u > SLOW * motion.fast)
+    for gap in pieces(~ahead):
+        short = (gap.stop - gap.start) * motion.interval <= BRIDGED * scale.time
+        if short and gap.start > 0 and gap.stop < ahead.size and steady[gap].all():
+            ahead[gap] = True
+    return ahead, size
 
 
 def _samples(piece: slice, blocks: int, size: int, samples: int) -> slice:

@@ -39,7 +39,7 @@ from pymc_ship.physics.vessel.term_sets import (
     with_terms,
 )
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_facility_indices
-from pymc_ship.records.checks.plausibility import DRIFT, SHORTEST_PIECE, piece_check, pieces_ahead
+from pymc_ship.records.checks.plausibility import DRIFT, SHORTEST_PIECE, piece_check, pieces_ahead, spans_text
 from pymc_ship.records.checks.verdicts import SLOW, ship_scale
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feasible
@@ -397,10 +397,9 @@ def partial_run_remarks(names: Sequence[str], training: Training, candidates: Se
     for name, trial in zip(names, training.trials, strict=True) if ahead else ():
         pieces = modelled_pieces(trial, ahead[0])
         if sum(piece.sizes["time"] for piece in pieces) < trial.sizes["time"]:
-            ends = [piece["time"].values[[0, -1]] for piece in pieces]
-            spans = " and ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in ends)
             remarks.append(
-                f"Run {name}: sets for a ship ahead were fitted to the piece{'s' * (len(ends) > 1)} {spans}; in the "
+                f"Run {name}: sets for a ship ahead were fitted to the piece{'s' * (len(pieces) > 1)} "
+                f"{spans_text(pieces)}; in the "
                 f"rest the ship is below {SLOW:.0%} of its speed, drifts by more than {DRIFT:g} of it, turns on the "
                 f"spot, or moves ahead for less than {SHORTEST_PIECE:g} L/U."
             )
