@@ -41,6 +41,7 @@ from studies.foreign.sailing import Papers
 
 WATER = 1025.0
 KNOT = 1852.0 / 3600.0
+_SEPARATION = math.radians(5.0)  # angle over which the lift falls beyond the stall, by judgement
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,14 @@ class Rudder:
     a_H: float
     x_H: float
     x_R: float = -0.5
+    stall: float = math.inf  # angle of attack [rad] beyond which the flow separates
+
+    def lift(self, alpha: float) -> float:
+        """Normal force over f_alpha by the angle of attack: its sine, and beyond the stall 60 % of that at the stall."""
+        if abs(alpha) <= self.stall:
+            return math.sin(alpha)
+        beyond = math.exp((self.stall - abs(alpha)) / _SEPARATION)
+        return math.copysign(math.sin(self.stall) * (0.6 + 0.4 * beyond), alpha)
 
 
 @dataclass(frozen=True)
@@ -168,7 +177,7 @@ class MmgShip:
         u_R = s.epsilon * u * passed * math.sqrt(s.eta * jet * jet + 1.0 - s.eta)
         v_R = U * (s.gamma_starboard if beta_R > 0.0 else s.gamma_port) * beta_R
         inflow = u_R * u_R + v_R * v_R
-        return 0.5 * WATER * s.area * inflow * s.f_alpha * math.sin(delta - math.atan2(v_R, u_R))
+        return 0.5 * WATER * s.area * inflow * s.f_alpha * s.lift(delta - math.atan2(v_R, u_R))
 
     def accelerations(self, motion, delta, n, push):
         """Rates of u, v, r and p, the last 0."""

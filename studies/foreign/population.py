@@ -27,13 +27,21 @@ from studies.population.judged_ship import DrawnShip
 HULLS = ("tanker", "cargo ship", "cross flow", "mariner", "s175")
 """Kinds of ships, of equal probability."""
 
+LEFT_OUT = ("rudder stall", "fuller", "finer")
+"""Kinds by which nothing was chosen: tankers whose rudder stalls, and forms outside the range of the cargo ships."""
+
 KINDS = {"zigzag": "zigzag", "turning_circle": "circle", "pull_out": "pull-out"}
 """What a foreign trial calls the kinds of manoeuvres of the package."""
 
-FINITE_AT_REST = ("cargo ship", "cross flow")
+FINITE_AT_REST = ("cargo ship", "cross flow", *LEFT_OUT)
 """Kinds that can be stopped: forces with the cube of r' grow beyond all bounds as the speed falls."""
 
 _SCATTER = {"hull": 0.2, "rudder": 0.12, "roll": 0.1, "sides": 0.1, "thrust astern": 0.15, "side force astern": 0.5}
+_CARGO = ([110.0, 5.8, 2.2, 0.6], [300.0, 7.2, 3.6, 0.85])  # L [m], L/B, B/d, C_B
+_FORMS = {
+    "fuller": ([150.0, 5.2, 2.5, 0.8], [330.0, 5.6, 3.2, 0.86]),
+    "finer": ([110.0, 7.0, 2.5, 0.52], [250.0, 7.8, 3.2, 0.6]),
+}
 _SCALES = (0.6, 1.2)
 _TRIED = 60
 _USUAL = (Trial("circle", 35.0, side="port"), Trial("circle", 35.0), Trial("zigzag", 20.0, 20.0))
@@ -41,14 +49,23 @@ _LASTS = {"zigzag": 20.0, "circle": 14.0, "pull-out": 20.0}  # L/U, of a record
 
 
 def drawn(rng: np.random.Generator) -> DrawnShip:
-    """Draw a ship that turns and checks her yaw as ships do, and the conditions of her trials.
+    """Draw a ship of :data:`HULLS` that turns and checks its yaw as ships do, and the conditions of its trials.
 
     Raises
     ------
     RuntimeError
         Where none of many draws does.
     """
-    hull = HULLS[int(rng.integers(len(HULLS)))]
+    return _drawn(HULLS, rng)
+
+
+def left_out(rng: np.random.Generator) -> DrawnShip:
+    """As :func:`drawn`, of :data:`LEFT_OUT`."""
+    return _drawn(LEFT_OUT, rng)
+
+
+def _drawn(hulls: tuple[str, ...], rng: np.random.Generator) -> DrawnShip:
+    hull = hulls[int(rng.integers(len(hulls)))]
     for _ in range(_TRIED):
         ship = a_ship(hull, rng)
         if usual(ship):
@@ -115,21 +132,26 @@ def a_ship(hull: str, rng: np.random.Generator):
         # the straight course stays in balance
         rows[0]["uu"] = s175.SURGE["uu"]
         return s175.S175(GM=float(rng.uniform(0.3, 1.0)), rows=tuple(rows))
-    if hull == "tanker":
-        return scaled(_mmg_ship(mmg.kvlcc2(), rng), float(rng.uniform(*_SCALES)))
-    form = a_form(rng)
-    if hull == "cargo ship":
+    if hull in ("tanker", "rudder stall"):
+        ship = scaled(_mmg_ship(mmg.kvlcc2(), rng), float(rng.uniform(*_SCALES)))
+        stall = math.radians(rng.uniform(15.0, 25.0)) if hull == "rudder stall" else math.inf
+        return replace(ship, rudder=replace(ship.rudder, stall=stall))
+    form = a_form(rng, _FORMS.get(hull, _CARGO))
+    if hull != "cross flow":
         return _mmg_ship(mmg.cargo(form), rng)
     drag, skew, ends = rng.uniform([0.5, -0.8, 0.0], [1.0, 0.8, 1.0]).tolist()
     return _mmg_ship(mmg.cross_flow(form, drag, skew, ends), rng)
 
 
-def a_form(rng: np.random.Generator) -> mmg.Form:
-    """Form of a cargo ship within the range of the regressions of her forces: fullness C_B B/L from .09 to .145."""
+def a_form(rng: np.random.Generator, ranges: tuple[list[float], list[float]]) -> mmg.Form:
+    """Form of L, L/B, B/d and C_B in ``ranges``; that of a cargo ship is within the regressions of its forces.
+
+    These are of a fullness C_B B/L from .09 to .145; fuller and finer forms are near it.
+    """
     while True:
-        L, slender, flat, block = rng.uniform([110.0, 5.8, 2.2, 0.6], [300.0, 7.2, 3.6, 0.85]).tolist()
+        L, slender, flat, block = rng.uniform(*ranges).tolist()
         B = L / slender
-        if 0.09 < block * B / L < 0.145:
+        if ranges is not _CARGO or 0.09 < block * B / L < 0.145:
             break
     d, froude, pitch, x_G = B / flat, *rng.uniform([0.14, 0.7, -0.015], [0.21, 0.96, 0.025]).tolist()
     share, aspect, wheel = rng.uniform([48.0, 1.4, 0.5], [72.0, 2.0, 0.65]).tolist()

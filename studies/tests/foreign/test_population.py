@@ -11,7 +11,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.ships.forecasting.stopping import StoppingTest
 from studies.foreign import mariner, mmg, s175, sailing
-from studies.foreign.population import HULLS, a_form, a_ship, as_trial, drawn, scaled, usual
+from studies.foreign.population import _CARGO, _FORMS, HULLS, LEFT_OUT, a_form, a_ship, as_trial, drawn, scaled, usual
 
 RNG = np.random.default_rng
 
@@ -116,10 +116,29 @@ def test_a_scaled_ship_sails_the_same_circle_in_lengths():
 
 def test_forms_are_within_the_range_of_the_regressions():
     rng = RNG(1)
-    for form in (a_form(rng) for _ in range(200)):
+    for form in (a_form(rng, _CARGO) for _ in range(200)):
         assert 0.09 < form.block * form.B / form.L < 0.145
         assert 2.2 <= form.B / form.d <= 3.6
         assert form.d > form.D
+
+
+def test_forms_left_out_are_outside_that_range():
+    fuller, finer = (a_form(RNG(1), _FORMS[hull]) for hull in ("fuller", "finer"))
+    assert fuller.block * fuller.B / fuller.L > 0.14
+    assert finer.block * finer.B / finer.L < 0.09
+    assert set(LEFT_OUT) == {"rudder stall", *_FORMS}
+
+
+def test_a_rudder_that_stalls_loses_lift():
+    """The normal force follows the sine up to the stall, and falls towards 60 % of its value there."""
+    rudder = replace(mmg.kvlcc2().rudder, stall=np.radians(20.0))
+    below, above, far = (rudder.lift(np.radians(angle)) for angle in (19.0, -21.0, 60.0))
+    assert below == np.sin(np.radians(19.0))
+    assert -np.sin(np.radians(20.0)) < above < -0.9 * np.sin(np.radians(20.0))
+    assert far == pytest.approx(0.6 * np.sin(np.radians(20.0)), rel=1e-3)
+    assert mmg.kvlcc2().rudder.lift(1.0) == np.sin(1.0)
+    stalls = [a_ship("rudder stall", RNG(seed)).rudder.stall for seed in range(5)]
+    assert all(np.radians(15.0) < stall < np.radians(25.0) for stall in stalls)
 
 
 def test_the_sides_of_a_single_screw_differ():
