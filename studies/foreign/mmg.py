@@ -102,7 +102,7 @@ class Rudder:
     stall: float = math.inf  # angle of attack [rad] beyond which the flow separates
 
     def lift(self, alpha: float) -> float:
-        """Normal force over f_alpha by the angle of attack: its sine, and beyond the stall 60 % of that at the stall."""
+        """Normal force over f_alpha by the angle of attack: its sine; beyond the stall, 60 % of that at the stall."""
         if abs(alpha) <= self.stall:
             return math.sin(alpha)
         beyond = math.exp((self.stall - abs(alpha)) / _SEPARATION)

@@ -164,11 +164,11 @@ def _plain_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         shown = warnings.showwarning
 
-        def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+        def show(message: Warning | str, category: type[Warning], *args: Any, **kwargs: Any) -> None:
             if category is UserWarning:
                 print(sentence(str(message)), file=sys.stderr)
             else:
-                shown(message, category, *place)
+                shown(message, category, *args, **kwargs)
 
         warnings.showwarning = show
         yield

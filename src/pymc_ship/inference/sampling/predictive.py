@@ -167,7 +167,7 @@ def with_predictive(
 
 def _check_fitted(tree: xr.DataTree, data: RegressionData) -> None:
     """Raise ValueError unless a posterior was fitted to the data: names, response and design matrix."""
-    names = [str(name) for name in tree["posterior"]["coefficient"].values]
+    names = [str(name) for name in tree["posterior"]["coefficient"].to_numpy()]
     if list(data.coefficients) != names:
         raise ValueError(
             f"The data must be those of the posterior, of {', '.join(names)}, found {', '.join(data.coefficients)}; "

@@ -39,7 +39,7 @@ Clock = tuple[np.ndarray, np.ndarray, list[str]]  # stamps [s], their resolution
 def nanosecond_columns(headings: Sequence[str]) -> dict[int, int]:
     """Columns of nanoseconds by that of the seconds beside them, such as ``secs`` and ``nsecs``."""
     names = [plain_name(heading) for heading in headings]
-    found = {}
+    found: dict[int, int] = {}
     for index, name in enumerate(names):
         matched = _NANOSECONDS.fullmatch(name)
         seconds = [f"{matched[1]}{word}" for word in ("sec", "secs", "seconds")] if matched else []
@@ -72,7 +72,7 @@ def _dates(stamps: list[str]) -> tuple[np.ndarray, str, str, float]:
     import pandas as pd
 
     stamps = [_ZONE_NAME.sub("", stamp) for stamp in stamps]
-    readings = []
+    readings: list[tuple[np.ndarray, str]] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # on formats that pandas guesses
         for settings in ({"format": "ISO8601"}, {}, {"dayfirst": True}, {"format": "mixed"}):

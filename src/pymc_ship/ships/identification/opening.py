@@ -50,9 +50,9 @@ def measured_sentences(
     else:
         sentences.append("No measured manoeuvre was predicted from other runs: the intervals are not tested.")
     if harder := harder_index_rows(result.ship):
-        runs = ", ".join(dict.fromkeys(row["manoeuvre"] for row in harder))
+        turns = ", ".join(dict.fromkeys(row["manoeuvre"] for row in harder))
         sentences.append(
-            f"Harder runs ({runs}), forecast by the milder ones alone: {_inside(harder)} of {len(harder)} measured "
+            f"Harder runs ({turns}), forecast by the milder ones alone: {_inside(harder)} of {len(harder)} measured "
             "indices lie inside."
         )
     unsupported = [f"{label} ({_outside(tree)})" for label, tree in forecasts.items() if label not in labels]
