@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pymc_ship as ps
+from tests.inference.captive import test_plausibility as wrong
 from tests.sentences import wording
 
 test_trial_errors = wording(
@@ -23,5 +24,17 @@ test_trial_errors = wording(
             ("speed,X'", ("8,1e-3",) * 2, {"format": {"frame": {"heading": "compass"}}}, "has no heading"),
             ("speed,N'", ("8,1e-3",) * 2, {"format": {"frame": {"reference": 3.0}}}, "needs Y'; add it"),
         ]
+    ),
+)
+
+test_implausible_tests = wording(
+    ps.TrialError,
+    *(
+        (sentence, lambda tmp_path, columns=columns: wrong.read(tmp_path, columns()))
+        for columns, sentence in wrong.WRONG
+    ),
+    (
+        r'set frame\.forces = "L2"',
+        lambda tmp_path: wrong.read(tmp_path, wrong.series(), format={"frame": {"forces": "Ld"}}),
     ),
 )
