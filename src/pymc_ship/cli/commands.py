@@ -95,22 +95,23 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Check a trial; the text has the verdict of each check and the corrections."""
-    from pymc_ship.records.checks.trial_checks import failed_checks
+    from pymc_ship.records.checks.trial_checks import doubtful_checks, failed_checks
 
     vessel = vessel_argument(args.vessel, progress) if args.vessel else None
     trial = trial_argument(args.trial, args.format, progress)
     out = output_file(args.out) if args.out else None
     progress("checking")
     checks = ps.trial_checks(trial, vessel)
-    text, failure = [check_text(checks)], failed_checks(checks)
-    if failure:
+    text = [check_text(checks)]
+    if failure := failed_checks(checks):
         return text[0], None, failure
+    failure = doubtful_checks(checks)
     corrected = ps.corrected_trial(trial, checks)
     text += _recognised_manoeuvre_text(corrected, vessel) if vessel else []
     if not out:
-        return "\n".join(text), None, failure
+        return "\n".join(text), None, failure, 4
     write_trial_file(corrected, out, args)
-    return "\n".join([*text, "", *(corrected.attrs["corrections"] or ["Nothing to correct."])]), out
+    return "\n".join([*text, "", *(corrected.attrs["corrections"] or ["Nothing to correct."])]), out, failure, 4
 
 
 def _recognised_manoeuvre_text(trial: xr.Dataset, vessel: Vessel) -> list[str]:

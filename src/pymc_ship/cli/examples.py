@@ -17,6 +17,7 @@ CHECK = """examples:
   pymc-ship check trial.txt --format columns.toml --vessel my.toml --out corrected.csv
 
 exit status 3: a check is bad; the trial must not be fitted, and no corrected trial is written.
+exit status 4: the record is corrected, cut or doubtful; the sentence names the checks.
 """
 REGRESS = """examples:
   pymc-ship regress trial.csv --vessel container --out regressed

@@ -21,7 +21,7 @@ from pymc_ship.records.checks.lag import common_lag
 from pymc_ship.records.checks.verdicts import Check
 
 Progress = Callable[..., None]
-Outcome = tuple[str, Path | None] | tuple[str, Path | None, str]
+Outcome = tuple[str, Path | None] | tuple[str, Path | None, str] | tuple[str, Path | None, str, int]
 
 _NOT_RECORDED = ("command", "out", "quiet")
 

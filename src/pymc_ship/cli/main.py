@@ -1,8 +1,8 @@
 """Entry point of ``pymc-ship``, the only module that prints.
 
 Results go to standard output, progress and remarks to standard error. Exit status: 2 with one sentence if the command
-cannot run, 3 if a trial or the results fail a check, 130 after an interrupt. Libraries are imported after the arguments
-are parsed.
+cannot run, 3 if a trial or the results fail a check, 4 if a trial is corrected or doubtful, 130 after an interrupt.
+Libraries are imported after the arguments are parsed.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, 2 if the command cannot run, 3 if a check fails, 130 after an interrupt.
+        Exit status: 0, 2 if the command cannot run, 3 if a check fails, 4 if ``check`` corrects or doubts the record,
+        130 after an interrupt.
 
     Raises
     ------
@@ -98,7 +99,8 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
             if reason in str(error):
                 return _fail(text, 2)
         raise
-    return _fail(failures[0], 3) if any(failures) else 0
+    failure, status = (*failures, *("", 3)[len(failures) :])
+    return _fail(failure, status) if failure else 0
 
 
 def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:

@@ -97,9 +97,12 @@ def test_the_explanation_says_how_far_it_fits(record, container):
 
 
 def test_what_no_mistake_explains_is_said_to_be_so(record, container):
-    wrong = scaled(swapped(record, "u", "v"), r=57.3)
-    sentence = checks_by_name(wrong, container)["plausibility"].sentence
-    assert "No single mistake" in sentence
+    pair = scaled(swapped(record, "u", "v"), r=57.3)
+    sentence = checks_by_name(pair, container)["plausibility"].sentence
+    assert "r is in deg/s and u and v are swapped" in sentence
+    noise = np.random.default_rng(1).standard_normal(record.sizes["time"])
+    sentence = checks_by_name(changed(record, v=5.0 * noise, u=5.0 * noise[::-1]), container)["plausibility"].sentence
+    assert sentence.endswith("No known mistake, or pair, explains it.")
 
 
 def test_swapped_roll_columns_are_told(record, container):

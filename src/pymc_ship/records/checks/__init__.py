@@ -2,6 +2,7 @@
 
 - `verdicts`: the outcome of a check: verdict, numbers, sentence and remedy.
 - `record_quality`: sampling, noise, resolution, spikes, gaps and frozen sensors.
+- `mistakes`: known mistakes as data, and which of them explains a disagreement.
 - `kinematics`: rates against heading and roll, speeds against the length of the track.
 - `track`: velocities against the track: axes, sign of v, lever arm, drift.
 - `lag`: velocities that are late behind the track.

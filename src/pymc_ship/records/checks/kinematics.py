@@ -5,9 +5,14 @@ Both sides are integrated and averaged over blocks; their increments between blo
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
 import numpy as np
 import xarray as xr
 
+from pymc_ship.records.checks.mistakes import SPEED_UNITS, UNEXPLAINED, explanation_text
 from pymc_ship.records.checks.verdicts import (
     SIGNIFICANT,
     SLOW,
@@ -21,27 +26,21 @@ from pymc_ship.records.checks.verdicts import (
     missing_channels_text,
     not_checked,
     ship_blocks,
+    straight_approach,
 )
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1  # scale error of a rate from which it is doubtful, and from which it is bad
-SWAPPED = 0.5  # largest residual, as fraction of the changes of a rate, from which two columns count as swapped
+FOLLOWS, UNRELATED = 0.1, 0.5  # changes of an angle, as fraction, that its rate may leave; from which it is bad
+NOISY = 3.0  # ratio of what a rate leaves to the noise of the record from which it is no noise
+SPOILT = 0.25  # largest fraction of the blocks that is judged apart from the rest
 SPEED_BAD = 0.2  # scale error of the speed from which it is bad: larger than by a current or a log
 HEADING_DRIFT = 0.2  # drift of the heading [deg] in five L/U from which a gyro offset matters
+HEADING_OFF = 2.0  # difference of course and heading [deg] on a straight approach from which it is doubtful
+CROSS_CURRENT = 1.0  # current [m/s] across the course, or leeway, that no trial is made in
+SHORTEST_APPROACH, STRAIGHT_TURN = 0.25, 0.03  # approach in L/U, and change of heading [rad] in L/U on it
 YAW_BLOCK = 0.25  # averaging time of yaw and track, in L/U
-FACTORS = {
-    0.514444: "knots taken for m/s",
-    1.0 / 3.6: "km/h taken for m/s",
-    0.3048: "ft/s taken for m/s",
-    1.943844: "m/s that were converted as knots or a track in nautical units",
-    3.6: "m/s that were converted as km/h",
-    0.001: "a track in km, or speeds in mm/s",
-    1000.0: "a track in mm, or speeds in km/s",
-}
-"""Ratio of track to velocity, and the probable mistake."""
-
 _RATE_CHECKS = {"r": ("yaw rate", "gyro offset"), "p": ("roll rate", "roll rate offset")}
-_DEGREE = 180.0 / np.pi
 _ROLL_BLOCK = 0.05  # L/U
 _LOG_WIDTH = 0.05  # a ratio this near to a known factor is that factor
 
@@ -55,57 +54,124 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
     turning = trial[rate].values * (np.cos(heel(trial)) if rate == "r" else 1.0)
     predicted = blocks.increments(integral(turning, sampling_interval(trial)))
     measured, time = blocks.increments(trial[angle].values), blocks.increments(trial["time"].values)
-    check = _rate_scale(rate, angle, *_slope(predicted, time, measured))
+    noise = _increment_noise(trial, turning, trial[angle].values, blocks.size)
+    fit = _rate_fit(predicted, time, measured, noise)
+    check = _rate_scale(rate, angle, fit, lambda: explanation_text(trial, (rate, angle), partial(_misfit, scale=scale)))
     if check.verdict in ("bad", "not checked"):
-        check = _swap_check(trial, blocks, time, rate, angle) or check
         return check, not_checked(offset_name, f"the integral of the {name} does not match {angle}")
-    drift = (predicted - measured) / time
+    if check.verdict == "good" and not fit.kept.all():
+        out = np.flatnonzero(~fit.kept) * blocks.size
+        begin, end = (
+            float(trial["time"].values[k]) for k in (out[0], min(out[-1] + 2 * blocks.size, turning.size) - 1)
+        )
+        text = f"The integral of {rate} does not follow {angle} in {np.mean(~fit.kept):.0%} of the record, between "
+        check = replace(check, verdict="doubtful", sentence=f"{text}{begin:.4g} and {end:.4g} s; cut that part out.")
+    drift = ((predicted - measured) / time)[fit.kept]
     error = drift.std(ddof=1) / np.sqrt(drift.size) + 0.1 * SCALE_DOUBTFUL * abs(turning.mean())
     return check, _rate_offset(rate, angle, drift.mean(), error, scale)
 
 
-def _swap_check(trial: xr.Dataset, blocks: Blocks, time: np.ndarray, rate: str, angle: str) -> Check | None:
-    """Check of swapped columns of a rate and its angle; None if they are not swapped."""
-    predicted = blocks.increments(integral(trial[angle].values, sampling_interval(trial)))
-    slope, error, left, size = _slope(predicted, time, blocks.increments(trial[rate].values))
-    if abs(slope - 1.0) > SIGNIFICANT * error + SCALE_BAD or left > SWAPPED * size or error > SCALE_BAD:
-        return None
-    text = f"The integral of {angle} follows {rate} with a scale of {slope:.3g}: the two columns are swapped."
-    return Check(_RATE_CHECKS[rate][0], "bad", text, (("scale of the swapped columns", slope, ""),))
+def _increment_noise(trial: xr.Dataset, rate: np.ndarray, angle: np.ndarray, size: int) -> float:
+    """Standard deviation of an increment of an angle less that of its integrated rate, from the noise of samples."""
+    rate_sd, angle_sd = second_difference_sd(np.array([rate, angle], dtype=float))
+    rate_step, angle_step = (_step(values) / np.sqrt(12.0) for values in (rate, angle))
+    angle_noise, rate_noise = (
+        np.hypot(angle_sd / np.sqrt(size), angle_step),
+        np.hypot(rate_sd / np.sqrt(size), rate_step),
+    )
+    return float(np.hypot(np.sqrt(2.0) * angle_noise, rate_noise * size * sampling_interval(trial)))
 
 
-def _slope(predicted: np.ndarray, time: np.ndarray, measured: np.ndarray) -> tuple[float, float, float, float]:
-    """Slope, its standard error, root mean squares of residuals and response; without an offset in a steady turn."""
-    size = np.sqrt(np.mean(measured**2))
-    (slope, _), (error, _), residuals = least_squares([predicted, time], measured)
-    if error > 0.01:
-        (slope,), (error,), residuals = least_squares([predicted], measured)
-    return float(slope), float(error), float(np.sqrt(np.mean(residuals**2))), float(size)
+def _step(values: np.ndarray) -> float:
+    """Smallest difference of neighbours, the step of a rounded channel; 0 where they never differ."""
+    differences = np.abs(np.diff(values))
+    return float(np.min(differences, where=differences > 0.0, initial=np.inf)) if differences.any() else 0.0
 
 
-def _rate_scale(rate: str, angle: str, slope: float, error: float, left: float, size: float) -> Check:
+@dataclass(frozen=True)
+class RateFit:
+    """Slope of an angle over its integrated rate and its error, rms of what it leaves, of changes and of noise.
+
+    ``turned`` is the spread of the changes by the rate; ``kept`` are the blocks of the fit.
+    """
+
+    slope: float
+    error: float
+    left: float
+    size: float
+    noise: float
+    turned: float
+    kept: np.ndarray
+
+
+def _rate_fit(predicted: np.ndarray, time: np.ndarray, measured: np.ndarray, noise: float) -> RateFit:
+    """Slope beside an offset, without one in a steady turn; blocks far off are left out where they are few."""
+    size = float(np.sqrt(np.mean(measured**2)))
+    least = max(noise, 0.5 * FOLLOWS * size)
+    large = np.abs(predicted) > np.median(np.abs(predicted))
+    slope, offset = float(np.median(measured[large] / predicted[large])) if large.any() else 0.0, 0.0
+    for _ in range(3):
+        away = np.abs(measured - slope * predicted - offset * time)
+        kept = away <= SIGNIFICANT * max(1.5 * float(np.median(away)), least)
+        kept |= np.mean(kept) < 1.0 - SPOILT
+        (slope, offset), (error, _), left = least_squares([predicted[kept], time[kept]], measured[kept])
+        if error > 0.01:
+            (slope,), (error,), left = least_squares([predicted[kept]], measured[kept])
+            offset = 0.0
+    left_over, turned = float(np.sqrt(np.mean(left**2))), float(predicted.std())
+    return RateFit(float(slope), float(error), left_over, size, noise, turned, kept)
+
+
+def _rate_scale(rate: str, angle: str, fit: RateFit, explain: Callable[[], str]) -> Check:
+    """Check of the slope and of what it leaves; ``explain`` returns the known mistake behind it."""
     name, _ = _RATE_CHECKS[rate]
+    slope, error, off = fit.slope, fit.error, abs(fit.slope - 1.0)
     numbers = (("scale", slope, ""), ("standard error", error, ""))
-    if size == 0.0 or slope == 0.0:
-        return not_checked(name, f"{angle if size == 0.0 else rate} does not change", numbers)
-    if error > 0.2 * abs(slope):
-        if left > 0.9 * size > np.deg2rad(1.0):
-            text = f"The integral of {rate} does not follow {angle} at all; check which columns they are."
-            return Check(name, "bad", text, numbers)
+    if fit.size == 0.0 or slope == 0.0:
+        return not_checked(name, f"{angle if fit.size == 0.0 else rate} does not change", numbers)
+    follows = fit.left <= max(FOLLOWS * fit.size, NOISY * fit.noise)
+    if max(fit.size, fit.turned) < NOISY * fit.noise or (follows and error > 0.2 * max(abs(slope), 1.0)):
         return not_checked(name, f"{angle} changes too little for an estimate of the scale of {rate}", numbers)
-    if slope < 0.0:
-        text = f"{rate} has the opposite sign of the change of {angle} (scale {slope:.3g}); flip {rate} or {angle}."
-        return Check(name, "bad", text, numbers)
-    if abs(abs(np.log(max(slope, 1e-99))) - np.log(_DEGREE)) < _LOG_WIDTH:
-        culprit, unit = (angle, "deg") if slope > 1.0 else (rate, "deg/s")
-        text = f"The change of {angle} is {slope:.4g} times the integral of {rate}: {culprit} is in {unit}; convert it."
-        return Check(name, "bad", text, numbers)
-    off = abs(slope - 1.0)
-    if off > SIGNIFICANT * error and off > SCALE_DOUBTFUL:
-        verdict, cause = ("bad", "units and calibration") if off > SCALE_BAD else ("doubtful", "the calibration")
-        text = f"The change of {angle} is {slope:.4g} times the integral of {rate}; check {cause}."
-        return Check(name, verdict, text, numbers)
+    differs = off > SIGNIFICANT * error
+    if not follows or (differs and off > SCALE_BAD):
+        cause = explain()
+        verdict = "doubtful" if cause == UNEXPLAINED and not differs and fit.left < UNRELATED * fit.size else "bad"
+        cause += "; check units and calibration" if cause == UNEXPLAINED else ""
+        text = f"The change of {angle} is {slope:.4g} times the integral of {rate}, and {fit.left / fit.size:.0%} of it"
+        return Check(name, verdict, f"{text} is left over; {cause}.", numbers)
+    if differs and off > SCALE_DOUBTFUL:
+        text = f"The change of {angle} is {slope:.4g} times the integral of {rate}; check the calibration."
+        return Check(name, "doubtful", text, numbers)
     return Check(name, "good", f"The integral of {rate} matches {angle} with a scale of {slope:.4g}.", numbers)
+
+
+def _misfit(trial: xr.Dataset, scale: ShipScale) -> float:
+    """Root mean square of what the channels leave of each other, rate by angle and heading by course, over its size."""
+    left = [_rate_misfit(trial, scale, *pair) for pair in (("r", "psi"), ("p", "phi")) if set(pair) <= set(trial)]
+    left += [_course_misfit(trial, scale)] if {"x", "y", "psi"} <= set(trial) else []
+    return float(np.sqrt(np.mean(np.square(left)))) if left else 0.0
+
+
+def _rate_misfit(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> float:
+    blocks = ship_blocks(trial, scale, YAW_BLOCK if rate == "r" else _ROLL_BLOCK)
+    turning = trial[rate].values * (np.cos(heel(trial)) if rate == "r" else 1.0)
+    predicted = blocks.increments(integral(turning, sampling_interval(trial)))
+    measured = blocks.increments(np.unwrap(trial[angle].values))
+    return _part(measured - predicted, measured)
+
+
+def _course_misfit(trial: xr.Dataset, scale: ShipScale) -> float:
+    """What the heading leaves of the course over ground beside a drift angle in proportion to the rate of turn."""
+    course, psi = _course(trial, scale)
+    if psi.size < 10:
+        return 0.0
+    _, _, left = least_squares([np.gradient(course), np.ones(psi.size)], course - psi)
+    return _part(left, course - course.mean())
+
+
+def _part(left: np.ndarray, signal: np.ndarray) -> float:
+    """Root mean square of what is left over that of the signal, up to 1."""
+    return float(min(1.0, np.sqrt(np.mean(left**2) / max(np.mean(signal**2), 1e-300))))
 
 
 def _rate_offset(rate: str, angle: str, offset: float, error: float, scale: ShipScale) -> Check:
@@ -128,10 +194,7 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Heading against the course over ground: psi in deg or another frame (both r and psi may be wrong alike)."""
     if reason := missing_channels_text(trial, ("x", "y", "psi")):
         return not_checked("heading", reason)
-    blocks = ship_blocks(trial, scale, YAW_BLOCK)
-    course = np.arctan2(*(blocks.increments(trial[name].values) for name in ("y", "x")))
-    piece = _under_way(trial, blocks)
-    course, psi = np.unwrap(course[piece]), blocks.middles(trial["psi"].values)[piece]
+    course, psi = _course(trial, scale)
     if psi.size < 10 or psi.std() < np.deg2rad(2.0):
         return not_checked("heading", "the heading hardly changes while the ship is under way")
     (slope, _), *_ = least_squares([psi - psi.mean(), np.ones(psi.size)], course)
@@ -139,8 +202,17 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if 0.3 < slope < 3.0:
         text = f"The course over ground changes with the heading ({slope:.3g} rad per rad)."
         return Check("heading", "good", text, numbers)
-    text = f"The course over ground changes by {slope:.3g} rad per rad of heading; check unit and sign of psi, x and y."
-    return Check("heading", "bad", text, numbers)
+    cause = explanation_text(trial, ("psi", "r", "x", "y"), partial(_misfit, scale=scale))
+    text = f"The course over ground changes by {slope:.3g} rad per rad of heading; check unit and sign of psi, x and y"
+    return Check("heading", "bad", f"{text}: {cause}.", numbers)
+
+
+def _course(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, np.ndarray]:
+    """Course over ground and heading [rad] of the longest piece under way, in blocks."""
+    blocks = ship_blocks(trial, scale, YAW_BLOCK)
+    course = np.arctan2(*(blocks.increments(trial[name].values) for name in ("y", "x")))
+    piece = _under_way(trial, blocks)
+    return np.unwrap(course[piece]), blocks.middles(trial["psi"].values)[piece]
 
 
 def _under_way(trial: xr.Dataset, blocks: Blocks) -> slice:
@@ -150,6 +222,35 @@ def _under_way(trial: xr.Dataset, blocks: Blocks) -> slice:
     if "u" in trial:
         moving &= blocks.middles(trial["u"].values) > 0.0
     return longest_piece(moving)
+
+
+def heading_offset_check(trial: xr.Dataset, scale: ShipScale) -> Check:
+    """Course over ground less heading, and less the drift angle by v, on the straight approach."""
+    name = "heading offset"
+    if reason := missing_channels_text(trial, ("x", "y", "psi", "delta")):
+        return not_checked(name, reason)
+    n, time = straight_approach(trial), trial["time"].values
+    if n < 5 or time[n - 1] - time[0] < SHORTEST_APPROACH * scale.time:
+        return not_checked(name, "no straight approach to compare course and heading on")
+    trial, time = trial.isel(time=slice(0, n)), time[:n] - time[:n].mean()
+    columns = [time, np.ones(n)]
+    ((x_dot, _), x_errors, _), ((y_dot, _), y_errors, _), ((r, psi), psi_errors, _) = (
+        least_squares(columns, trial[key].values) for key in ("x", "y", "psi")
+    )
+    speed = float(np.hypot(x_dot, y_dot))
+    if speed * scale.time < SLOW * scale.L or abs(r) * scale.time > STRAIGHT_TURN:
+        return not_checked(name, "the ship is slow or turns on the approach")
+    drift = np.arctan2(trial["v"].values.mean(), trial["u"].values.mean()) if {"u", "v"} <= set(trial) else 0.0
+    off = float(np.rad2deg(np.angle(np.exp(1j * (np.arctan2(y_dot, x_dot) - psi - drift)))))
+    error = float(np.rad2deg(np.hypot(np.hypot(x_errors[0], y_errors[0]) / speed, psi_errors[1])))
+    numbers = (("course less heading", off, "deg"), ("standard error", error, "deg"))
+    text = f"On the straight approach the course over ground is {off:+.2g} deg off the heading (error {error:.1g} deg)"
+    if abs(off) <= max(HEADING_OFF, SIGNIFICANT * error):
+        return Check(name, "good", f"{text}.", numbers)
+    across = speed * abs(np.sin(np.deg2rad(off)))
+    verdict = "bad" if across > CROSS_CURRENT else "doubtful"
+    text = f"{text}: a current of {across:.2g} m/s across, or a magnetic or misaligned heading"
+    return Check(name, verdict, f"{text}; for that, state psi = {{ ..., offset = {off:.3g} }}.", numbers)
 
 
 def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:
@@ -163,9 +264,9 @@ def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return Check("speed", "bad", "The ship does not move; check u, v, x and y.")
     ratio = float(distance / distance_from_speed)
     numbers = (("track over velocity", ratio, ""),)
-    for factor, mistake in FACTORS.items():
+    for factor, (mistake, key) in SPEED_UNITS.items():
         if abs(np.log(ratio / factor)) < _LOG_WIDTH:
-            text = f"The track is {ratio:.4g} times the distance from u and v, as of {mistake}; convert the column."
+            text = f"The track is {ratio:.4g} times the distance from u and v, as of {mistake}; state {key}."
             return Check("speed", "bad", text, numbers)
     if abs(ratio - 1.0) > SPEED_BAD:
         text = f"The track is {ratio:.4g} times the distance from u and v; check the units of u, v, x, y and time."

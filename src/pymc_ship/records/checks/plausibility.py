@@ -13,7 +13,8 @@ import xarray as xr
 
 from pymc_ship.physics.forces.prime_system import GRAVITY
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.checks.kinematics import FACTORS
+from pymc_ship.records.checks.mistakes import BETTER, EXPLAINED, UNEXPLAINED, explanations
+from pymc_ship.records.checks.track import track_misfit
 from pymc_ship.records.checks.verdicts import (
     SIGNIFICANT,
     SLOW,
@@ -157,28 +158,20 @@ def _oddness(quantities: dict[str, tuple[float, float]]) -> float:
     return total
 
 
-def _mistakes(motion: _Motion) -> dict[str, _Motion]:
-    """The motion with each possible mistake corrected, by the mistake."""
+def _wrong_files(motion: _Motion) -> dict[str, _Motion]:
+    """The motion with each possible mistake of the vessel file corrected, by the mistake."""
+    if not (motion.L and motion.nominal):
+        return {}
+    root = motion.nominal / motion.fast
+    scaled = replace(motion, u=root * motion.u, v=root * motion.v, r=motion.r / root, interval=motion.interval * root)
     corrected = {
-        "u and v are swapped": replace(motion, u=motion.v, v=motion.u),
-        "v has the opposite sign": replace(motion, v=-motion.v),
-        "r is in deg/s": replace(motion, r=np.deg2rad(motion.r)),
-        "r is in deg/min": replace(motion, r=np.deg2rad(motion.r) / 60.0),
+        f"the record is at a scale of 1:{root**2:.3g} to the vessel file (Froude)": scaled,
+        _nominal(motion.fast, motion.nominal): replace(motion, nominal=motion.fast),
     }
-    for factor, mistake in FACTORS.items():
-        corrected[f"u and v are {mistake}"] = replace(motion, u=factor * motion.u, v=factor * motion.v)
-    if motion.phi is not None:
-        corrected["phi has the opposite sign"] = replace(motion, phi=-motion.phi)
-    if motion.L and motion.nominal:
-        root = motion.nominal / motion.fast
-        scaled = replace(motion, u=root * motion.u, v=root * motion.v, r=motion.r / root)
-        scaled = replace(scaled, interval=motion.interval * root)
-        corrected[f"the record is at a scale of 1:{root**2:.3g} to the vessel file (Froude)"] = scaled
-        corrected[_nominal(motion.fast, motion.nominal)] = replace(motion, nominal=motion.fast)
-        pivot = _quantities(motion).get("pivot point", (0.0, 0.0))[0]
-        if pivot > 0.0:
-            L = motion.L * pivot / RANGES["pivot point"].typical
-            corrected[f"the vessel file has the wrong L (about {L:.3g} m would fit)"] = replace(motion, L=L)
+    pivot = _quantities(motion).get("pivot point", (0.0, 0.0))[0]
+    if pivot > 0.0:
+        L = motion.L * pivot / RANGES["pivot point"].typical
+        corrected[f"the vessel file has the wrong L (about {L:.3g} m would fit)"] = replace(motion, L=L)
     return corrected
 
 
@@ -190,15 +183,21 @@ def _nominal(fast: float, nominal: float) -> str:
     return f"the vessel file has the wrong nominal speed ({text})"
 
 
-def _explanation(motion: _Motion) -> str:
-    """Sentence on the mistake that explains the quantities best."""
-    mended = {mistake: _quantities(changed) for mistake, changed in _mistakes(motion).items()}
-    plausible = {mistake: quantities for mistake, quantities in mended.items() if not _faults(quantities)}
-    if not plausible:
-        return "No single mistake of unit, sign, scale or column explains it."
-    best = min(plausible, key=lambda mistake: _oddness(plausible[mistake]))
-    text = _words(("rL/U", "pivot point", "speed"), plausible[best])
-    return f"The most probable cause is that {best}" + (f": then {text}." if text else ".")
+def _explanation(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None, motion: _Motion) -> str:
+    """Sentence on the mistake, or pair, that explains the quantities best and leads to a track of the record."""
+    channels = ("u", "v", "r", "phi")
+    for number in (1, 2):
+        mended = _wrong_files(motion) if number == 1 else {}
+        for chosen, changed in explanations(trial, channels, number).items():
+            if track_misfit(changed, scale) < max(EXPLAINED, track_misfit(trial, scale) / BETTER):
+                mended[" and ".join(one.words for one in chosen)] = _motion(changed, scale, vessel)[0]
+        quantities = {mistake: _quantities(changed) for mistake, changed in mended.items()}
+        plausible = {mistake: values for mistake, values in quantities.items() if not _faults(values)}
+        if plausible:
+            best = min(plausible, key=lambda mistake: _oddness(plausible[mistake]))
+            text = _words(("rL/U", "pivot point", "speed"), plausible[best])
+            return f"The most probable cause is that {best}" + (f": then {text}." if text else ".")
+    return f"{UNEXPLAINED[0].upper()}{UNEXPLAINED[1:]}."
 
 
 def _words(names: Iterable[str], quantities: dict[str, tuple[float, float]], separator: str = ", ") -> str:
@@ -225,7 +224,12 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
         return Check(name, "good", f"The motion is plausible for a ship{f': {text}' if text else ''}.", numbers)
     verdict = "bad" if "bad" in faults.values() else "doubtful"
     remarks = _words(faults, quantities, "; ")
-    return Check(name, verdict, f"The motion is unusual for a ship: {remarks}. {_explanation(motion)}", numbers)
+    return Check(
+        name,
+        verdict,
+        f"The motion is unusual for a ship: {remarks}. {_explanation(trial, scale, vessel, motion)}",
+        numbers,
+    )
 
 
 def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False) -> Check:

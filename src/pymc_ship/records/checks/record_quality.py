@@ -22,6 +22,19 @@ SPIKE = 6.0  # robust standard deviations of a spike from the local median
 LEAST_SPIKE = 0.02  # fraction of a channel's range below which a spike does no harm
 FROZEN = 0.25  # fraction of L/U from which equal values are a frozen sensor
 ROUNDED = 0.8  # fraction of distinct neighbours below which a channel is rounded, with runs of equal values
+STAND_INS = {
+    "rad": (360.0, 511.0),
+    "rad/s": (127.0, 128.0, 731.0),
+    "m/s": (102.3,),
+    "": (99.9, 255.0, 327.67, 655.35, 999.0, 999.9, 3276.7, 6553.5, 9999.0, 32767.0, 32768.0, 65535.0, 99999.0, 1e6),
+}
+"""Numbers, of either sign, that stand for "not available" in the unit of a file, by SI unit; "" for every channel.
+
+AIS (ITU-R M.1371): heading 511, course 360.0, speed 102.3, rate of turn 128, 127 without an indicator and 731 as
+decoded; the largest numbers of 8 and 16 bits, with up to two decimals; rows of nines.
+"""
+JUMP = 8.0  # steps of a channel, at their 99 % quantile, from which a stand-in is none of its values
+_LOST = ("gap", "missing", "out of the order", "time goes back", "without a time")  # rows, in the notes of the reading
 _HALF_WINDOW, _LONGEST_SPIKE, _SURROUNDINGS = 4, 2, 51  # samples
 
 
@@ -97,6 +110,59 @@ def resolution_check(trial: xr.Dataset) -> Check:
     return Check("resolution", verdict, text, numbers)
 
 
+def stand_ins(trial: xr.Dataset, name: str) -> dict[str, np.ndarray]:
+    """Cells of a channel that a stand-in fills, by its number and unit in the file."""
+    values, unit = trial[name].values.astype(float), CHANNELS[name].unit
+    largest, found = float(np.abs(values).max()), {}
+    flipped = f"{name} changed in sign" in trial.attrs.get("reading", "")
+    for factor, spelling in {factor: text for text, factor in reversed(unit.spellings.items())}.items():
+        for number in (*STAND_INS.get(unit.name, ()), *STAND_INS[""]):
+            if number * factor > 1.001 * largest:
+                continue
+            cells = np.abs(np.abs(values) - number * factor) < 1e-6 * number * factor
+            if cells.any() and not cells.all() and _stands_out(values, cells):
+                sign = -1.0 if (values[cells][0] < 0.0) != flipped else 1.0
+                found[f"{sign * number:g} {spelling}"] = cells
+    return found
+
+
+def _stands_out(values: np.ndarray, cells: np.ndarray) -> bool:
+    """Whether every run of some cells lies far from its neighbours, measured by the steps of the others."""
+    steps = np.abs(np.diff(values))
+    edges = np.diff(cells.astype(int)) != 0
+    others = steps[~(cells[1:] | cells[:-1])]
+    return bool(others.size > 0 and (steps[edges] > JUMP * np.quantile(others, 0.99)).all() and steps[edges].all())
+
+
+def stand_in_check(trial: xr.Dataset) -> Check:
+    """Cells of each channel that hold a number for "not available"."""
+    cells = {(name, number): mask for name in present(trial) for number, mask in stand_ins(trial, name).items()}
+    if not cells:
+        return Check("stand-ins", "good", "No cell has a number that stands for a missing one.")
+    numbers = tuple((f"{number}, {name}", float(mask.sum()), "") for (name, number), mask in cells.items())
+    notes = ", ".join(f"{number} in {mask.sum()} cells of {name}" for (name, number), mask in cells.items())
+    marks = ", ".join(f"{name} = {{ ..., missing = {number.split()[0]} }}" for name, number in cells)
+    text = f"Probably missing: {notes}; mark them in the format, {marks} (the other checks are made without them)."
+    return Check("stand-ins", "bad", text, numbers, mendable=True)
+
+
+def without_stand_ins(trial: xr.Dataset) -> xr.Dataset:
+    """Trial whose stand-ins are replaced by straight lines between their neighbours."""
+    masks = {name: list(stand_ins(trial, name).values()) for name in present(trial)}
+    return _interpolated(trial, {name: np.flatnonzero(np.any(mask, axis=0)) for name, mask in masks.items() if mask})
+
+
+def _interpolated(trial: xr.Dataset, cells: dict[str, np.ndarray]) -> xr.Dataset:
+    """Trial with straight lines between the neighbours of some cells of each channel."""
+    mended = trial.copy()
+    for name, bad in cells.items():
+        values, smooth = _continuous(trial, name), trial[name].values + 0.0
+        good = np.setdiff1d(np.arange(values.size), bad)
+        smooth[bad] += np.interp(bad, good, values[good]) - values[bad]
+        mended[name] = ("time", smooth, trial[name].attrs)
+    return mended
+
+
 def spikes(values: np.ndarray) -> np.ndarray:
     """Indices of isolated samples (one or two in a row) beyond their surroundings, see :data:`SPIKE`."""
     from scipy.ndimage import median_filter
@@ -135,16 +201,8 @@ def spike_check(trial: xr.Dataset) -> Check:
 
 def without_spikes(trial: xr.Dataset) -> xr.Dataset:
     """Trial whose spikes are replaced by straight lines between their neighbours."""
-    mended = trial.copy()
-    for name in present(trial):
-        values = _continuous(trial, name)
-        bad = spikes(values)
-        if bad.size:
-            good = np.setdiff1d(np.arange(values.size), bad)
-            smooth = trial[name].values + 0.0
-            smooth[bad] += np.interp(bad, good, values[good]) - values[bad]
-            mended[name] = ("time", smooth, trial[name].attrs)
-    return mended
+    bad = {name: spikes(_continuous(trial, name)) for name in present(trial)}
+    return _interpolated(trial, {name: cells for name, cells in bad.items() if cells.size})
 
 
 def _continuous(trial: xr.Dataset, name: str) -> np.ndarray:
@@ -212,7 +270,7 @@ def gap_check(trial: xr.Dataset) -> Check:
     notes = trial.attrs.get("reading")
     if notes is None:
         return not_checked("gaps", "the record has no notes of its reading")
-    gaps = [line for line in notes.splitlines() if "gap" in line.lower() or "missing" in line.lower()]
+    gaps = [line for line in notes.splitlines() if any(words in line.lower() for words in _LOST)]
     lost = float(trial.attrs.get("rows_lost", 0.0))
     numbers = (("remarks", float(len(gaps)), ""), ("rows left out over rows", lost, ""))
     if lost >= LOST_DOUBTFUL:

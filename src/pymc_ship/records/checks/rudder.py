@@ -24,6 +24,7 @@ CORRELATED = 0.7  # correlation of yaw rate and rudder from which it shows the s
 ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
 RATE = 0.1  # difference from the vessel file's rudder rate that passes
+PAUSE = 0.25  # fraction of a move's largest step up to which the rudder pauses
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
 _MOVE = 0.6  # fraction of the way from the middle of the rudder's range to its ends
@@ -60,7 +61,8 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if not certain and abs(correlation) < CORRELATED:
         return not_checked("rudder sign", "the rudder moves too little for a check", numbers)
     if (gain if certain else correlation) > 0.0:
-        text = "A positive delta turns the ship to starboard, it should turn the ship to port; flip the sign of delta."
+        text = "A positive delta turns the ship to starboard, it should turn the ship to port; flip the sign of delta. "
+        text += 'Or the record is a mirror image (ROS: x east, y north, psi counterclockwise): state axes = "enu-flu".'
         return Check("rudder sign", "bad", text, numbers)
     return Check("rudder sign", "good", "A positive delta turns the ship to port, as it should.", numbers)
 
@@ -144,9 +146,10 @@ def measured_rate(trial: xr.Dataset) -> tuple[float, int]:
     before, after = _moves(trial)
     if not before.size:
         return np.nan, 0
-    delta, time = trial["delta"].values, trial["time"].values
-    rates = np.abs(delta[after] - delta[before]) / (time[after] - time[before])
-    return float(np.rad2deg(np.median(rates))), int(np.median(after - before))
+    travel = [np.abs(np.diff(trial["delta"].values[k : m + 1])) for k, m in zip(before, after, strict=True)]
+    moving = [steps[steps > PAUSE * steps.max()] for steps in travel]
+    rate = float(np.median([steps.mean() for steps in moving])) / sampling_interval(trial)
+    return float(np.rad2deg(rate)), int(np.median([steps.size for steps in moving]))
 
 
 def rudder_rate_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:

@@ -132,6 +132,15 @@ def _misfit(
     return float(np.sqrt(2.0 * np.mean((residuals / np.tile(track.time, 2)) ** 2)))
 
 
+def track_misfit(trial: xr.Dataset, scale: ShipScale) -> float:
+    """What u and v leave of the track over its size; 0 without a track."""
+    if missing_channels_text(trial, ("x", "y", "psi", "u", "v")):
+        return 0.0
+    track, measured = track_blocks(trial, scale)
+    missing = measured - track.increments_of(*earth_velocity(trial))
+    return float(np.sqrt(np.mean(missing**2) / max(np.mean(measured**2), 1e-300)))
+
+
 def lever_fit(trial: xr.Dataset, track: TrackBlocks, missing: np.ndarray) -> tuple[float, float, np.ndarray]:
     """Lever arm [m], its standard error and the residuals, with constant offsets of both velocities."""
     columns = [_lever_column(trial, track).ravel(), *track.offsets]

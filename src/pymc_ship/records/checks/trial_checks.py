@@ -20,6 +20,8 @@ from pymc_ship.trial.channels import SIMULATED
 from pymc_ship.trial.record import as_trial, check_trial
 
 _LARGEST = 1e12
+_OF_THE_TRIAL = ("sampling", "noise", "resolution", "approach", "ranges")  # checks of a trial, not of an error in it
+_FIRST = ("yaw rate", "heading", "speed")  # checks without which the velocities are not compared with the track
 
 
 def trial_checks(
@@ -70,8 +72,10 @@ def trial_checks(
     vessel = None if vessel is None else as_vessel(vessel)
     _check_record(as_trial(trial))
     trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in record_quality.present(trial)])
-    checks = [record_quality.spike_check(trial), record_quality.wrap_check(trial)]
-    trial = _apply_corrections(trial, checks)
+    checks: list[Check] = []
+    for check in (record_quality.stand_in_check, record_quality.spike_check, record_quality.wrap_check):
+        checks.append(check(trial))
+        trial = _apply_corrections(trial, checks[-1:])
     scale = ship_scale(trial, vessel)
     checks += [record_quality.sampling_check(trial, scale), record_quality.gap_check(trial)]
     checks += [record_quality.noise_check(trial), record_quality.resolution_check(trial)]
@@ -103,7 +107,9 @@ def _check_record(trial: xr.Dataset) -> None:
     for name in names:
         largest = float(np.abs(trial[name].values).max())
         if largest > _LARGEST:
-            raise TrialError(f"Channel {name} must be that of a ship, found {largest:.3g}; mend the record.")
+            raise TrialError(
+                f"Channel {name} must be that of a ship, found {largest:.3g}; correct it, or state it as missing."
+            )
 
 
 def _closure_checks(
@@ -113,8 +119,9 @@ def _closure_checks(
     scale = ship_scale(trial, vessel)
     checks = [*kinematics.rate_checks(trial, scale, "r", "psi"), *kinematics.rate_checks(trial, scale, "p", "phi")]
     checks += [kinematics.heading_check(trial, scale), kinematics.speed_check(trial, scale)]
+    checks += [kinematics.heading_offset_check(trial, scale)]
     trial = _apply_corrections(trial, checks)
-    wrong = [check.name for check in checks if check.verdict == "bad" and not check.name.startswith("roll")]
+    wrong = [check.name for check in checks if check.verdict == "bad" and check.name in _FIRST]
     if wrong:
         reason = f"{' and '.join(wrong)} must be right first"
         names = ("velocity axes", "sway sign", "velocity lag", "lever arm", "track closure")
@@ -180,6 +187,13 @@ def failed_checks(checks: Iterable[Check], overrule: Collection[str] = ()) -> st
     return "The trial cannot be fitted: " + " ".join(map(_check_text, bad)) if bad else ""
 
 
+def doubtful_checks(checks: Iterable[Check]) -> str:
+    """Sentence on the checks that correct or doubt the record, not the choice of the trial; empty without any."""
+    names = [check.name for check in checks if check.verdict == "doubtful"]
+    names = [name for name in names if name not in _OF_THE_TRIAL and not name.startswith("excitation")]
+    return f"The record is corrected or doubtful: {', '.join(names)}; inspect it before a fit." if names else ""
+
+
 def _check_text(check: Check) -> str:
     return f"{check.name}: {check.sentence}"
 
@@ -228,7 +242,8 @@ def validated_trial(
     Traceback (most recent call last):
         ...
     pymc_ship.machine.errors.TrialError: The trial cannot be fitted: rudder sign: A positive delta turns \
-the ship to starboard, it should turn the ship to port; flip the sign of delta.
+the ship to starboard, it should turn the ship to port; flip the sign of delta. Or the record is a mirror image \
+(ROS: x east, y north, psi counterclockwise): state axes = "enu-flu".
     """
     vessel = as_vessel(vessel)
     return corrected_trial(trial, trial_checks(trial, vessel, lag=lag, any_speed=any_speed), overrule)
@@ -312,6 +327,7 @@ def _zero(check: Check) -> float:
 
 
 _MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
+    "stand-ins": lambda trial, _: record_quality.without_stand_ins(trial),
     "spikes": lambda trial, _: record_quality.without_spikes(trial),
     "heading wraps": lambda trial, _: trial.assign(
         psi=("time", record_quality.unwrapped_heading(trial), trial["psi"].attrs)
@@ -327,6 +343,7 @@ _MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
 """Correction of each mendable check, in the order of the checks."""
 
 _CORRECTION_TEXT: dict[str, Callable[[Check], str]] = {
+    "stand-ins": lambda check: f"Cells of stand-ins interpolated: {sum(value for _, value, _ in check.numbers):.0f}.",
     "spikes": lambda check: f"Samples replaced by interpolation: {sum(value for _, value, _ in check.numbers):.0f}.",
     "heading wraps": lambda check: f"Jumps of psi by a whole turn taken out: {check.value('jumps'):.0f}.",
     "gyro offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from r.",

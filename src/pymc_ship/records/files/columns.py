@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -18,9 +18,18 @@ _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/
 """Units of quantities that are not channels of a trial, such as power P or temperature T."""
 
 
+AIS = 4.733  # of the rate of turn, ITU-R M.1371-5, Table 48
+
+CODES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
+    "none": lambda cells: cells,
+    "ais": lambda cells: np.sign(cells) * (cells / AIS) ** 2,
+}
+"""Cells as numbers of their unit, by code; ``ais`` is 4.733 times the root of a rate of turn in deg/min."""
+
+
 @dataclass(frozen=True)
 class Column:
-    """A column of a file: ``value = factor (sign cell + offset)`` in SI units.
+    """A column of a file: ``value = factor (sign cell + offset)`` in SI units, of the decoded cell.
 
     ``stated``: whether the file or its format states the unit.
     """
@@ -33,10 +42,13 @@ class Column:
     sign: float = 1.0
     offset: float = 0.0
     stated: bool = True
+    code: str = "none"
+    missing: tuple[float, ...] = ()
 
     def si(self, cells: np.ndarray) -> np.ndarray:
-        """Values in SI units."""
-        return self.factor * (self.sign * cells + self.offset)
+        """Values in SI units, NaN for the numbers that stand for missing ones."""
+        known = np.where(np.isin(cells, self.missing), np.nan, cells) if self.missing else cells
+        return self.factor * (self.sign * CODES[self.code](known) + self.offset)
 
 
 def is_unit(text: str) -> bool:
@@ -78,7 +90,7 @@ def matched_columns(
 ) -> tuple[dict[str, Column], list[str]]:
     """Columns of a file by channel, time first, and sentences on interpreted and unused headings.
 
-    ``units`` is the row below the headings; ``chosen`` (channel -> ``{"column", "unit", "sign", "offset"}``) precedes
+    ``units`` is the row below the headings; ``chosen`` (channel -> an entry of the format) precedes
     them; ``unstated`` are units of channels without one, if not SI. TrialError for a column that is missing, ambiguous
     or without a readable unit.
     """
@@ -216,7 +228,7 @@ def _chosen_column(
     factor = channel.unit.factor(unit)
     if factor is None:
         raise TrialError(_unknown_unit(where, wanted, channel, unit))
-    signs = {key: choice[key] for key in ("sign", "offset") if key in choice}
+    signs = {key: choice[key] for key in ("sign", "offset", "code", "missing") if key in choice}
     return Column(
         channel=channel.name, index=matched[0], heading=wanted, unit=unit, factor=factor, **signs, stated=bool(stated)
     )

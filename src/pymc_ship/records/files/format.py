@@ -12,11 +12,13 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
+from pymc_ship.records.files.columns import CODES
 from pymc_ship.trial.channels import CHANNELS, file_columns
 
 DELIMITERS = (",", ";", "\t", " ")  # the space stands for any white space
 
 _FRAME = {
+    "axes": ("ned-frd", "enu-flu", "nwu-flu"),
     "velocities": ("body", "earth"),
     "heading": ("clockwise", "counterclockwise", "compass"),
     "rudder_positive": ("port", "starboard"),
@@ -30,12 +32,14 @@ _FRAME = {
 class TrialFormat:
     """Format of a trial file; the default has the units and signs of the package.
 
-    The fields are the keys of docs/reference/format_toml.md: ``columns`` by channel; ``reference``, the point of u and
+    The fields are the keys of docs/reference/format_toml.md: ``columns`` by channel; ``axes``, north-east-down and
+    forward-right-down or those of ROS; ``reference``, the point of u and
     v forward of the origin [m]; ``forces``, the area L^2 or L d of prime captive forces; ``froude``, the length of the
     ship over that of the model; ``delimiter``, by default that of the header; ``facility``, empty for a single one.
     """
 
     columns: dict[str, dict[str, Any]] = field(default_factory=dict)
+    axes: str = "ned-frd"
     velocities: str = "body"
     reference: float = 0.0
     heading: str = "clockwise"
@@ -70,6 +74,9 @@ def _format(file: Entry) -> TrialFormat:
     froude, reference = scale.at("froude", 1.0), frame.at("reference", 0.0)
     if froude.number() <= 0.0:
         froude.fail(f"must be positive, found {froude.value:g}; correct it.")
+    axes = frame.at("axes", "ned-frd").value
+    if axes != "ned-frd" and frame.at("heading", "clockwise").value != "clockwise":
+        frame.at("heading").fail(f"must not be given beside axes = {axes!r}, which has its own; leave one of them out.")
     return TrialFormat(
         columns={channel: _column(columns.at(channel), channel) for channel in columns},
         **{key: frame.at(key).choice(known) for key, known in _FRAME.items() if key in frame},
@@ -82,10 +89,10 @@ def _format(file: Entry) -> TrialFormat:
 
 
 def _column(entry: Entry, channel: str) -> dict[str, Any]:
-    """Entry of a channel: ``column``, ``sign``, ``offset`` and optionally ``unit``."""
+    """Entry of a channel: ``column``, ``sign``, ``offset``, ``missing`` and optionally ``unit`` and ``code``."""
     if not isinstance(entry.value, Mapping):
         entry = replace(entry, value={"column": entry.value})
-    entry.check_keys(("column", "unit", "sign", "offset"))
+    entry.check_keys(("column", "unit", "sign", "offset", "code", "missing"))
     column, unit = entry.value.get("column"), file_columns()[channel].unit
     if not isinstance(column, str) or not column.strip():
         entry.fail(f"must be the heading of a column, found {column!r}; correct it.")
@@ -95,12 +102,17 @@ def _column(entry: Entry, channel: str) -> dict[str, Any]:
     sign = entry.at("sign", 1).number()
     if abs(sign) != 1.0:
         entry.at("sign").fail(f"must be 1 or -1, found {sign:g}; correct it.")
-    return {**entry.value, "sign": sign, "offset": entry.at("offset", 0.0).number()}
+    if "code" in entry:
+        entry.at("code").choice(tuple(CODES))
+    stand_ins = entry.value.get("missing", [])
+    stand_ins = stand_ins if isinstance(stand_ins, list) else [stand_ins]
+    missing = tuple(replace(entry.at("missing"), value=value).number() for value in stand_ins)
+    return {**entry.value, "sign": sign, "offset": entry.at("offset", 0.0).number(), "missing": missing}
 
 
 def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:
     """Channels with psi clockwise and continuous, delta positive to port; sentences on the changes."""
-    signed, notes = dict(channels), []
+    signed, notes = _north_east_down(channels, layout)
     if layout.heading == "counterclockwise" and "psi" in signed:
         signed["psi"] = -signed["psi"]
         notes.append("psi changed in sign: the file counts it counterclockwise.")
@@ -111,6 +123,26 @@ def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[di
         signed["psi"], jumps = _without_jumps(signed["psi"])
         notes += [f"psi made continuous over {jumps} jump{'s' if jumps > 1 else ''} of 360 deg."] if jumps else []
     return signed, notes
+
+
+def _north_east_down(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Channels in axes with z down, from those with z up, x east or north and v to port; a sentence."""
+    turned = dict(channels)
+    if layout.axes == "ned-frd":
+        return turned, []
+    for name in ("y", "psi", "v", "r"):
+        if name in turned:
+            turned[name] = -turned[name]
+    if layout.axes == "enu-flu":
+        for first, second in (("x", "y"), ("u", "v"))[: 2 if layout.velocities == "earth" else 1]:
+            east, minus_north = turned.pop(first, None), turned.pop(second, None)
+            if east is not None:
+                turned[second] = east
+            if minus_north is not None:
+                turned[first] = -minus_north
+        if "psi" in turned:
+            turned["psi"] = turned["psi"] + 0.5 * np.pi
+    return turned, [f"Axes turned from {layout.axes} to ned-frd: x north, y east, psi clockwise, v to starboard."]
 
 
 def _without_jumps(psi: np.ndarray) -> tuple[np.ndarray, int]:

@@ -1,0 +1,132 @@
+"""Known mistakes of a record as data, and which of them explains a disagreement of its channels.
+
+A mistake is an entry of :data:`MISTAKES`: its words, its correction and the format key that mends the file. An
+explanation tries every entry of the channels in question, and every pair, and judges the record that each one leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.records.files.columns import CODES
+
+BETTER, PAIR = 2.0, 2.0  # ratio of misfits from which a mistake explains a record, and a pair a single one's
+EXPLAINED = 0.2  # largest misfit over its signal of a record that is explained
+UNEXPLAINED = "no known mistake, or pair, explains it"
+_DEG, _KNOT = np.pi / 180.0, 1852.0 / 3600.0
+
+Mend = Callable[[xr.Dataset], xr.Dataset]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A known mistake of some channels: its words, the correction of a trial and the format key that has it read."""
+
+    channels: str
+    words: str
+    mend: Mend
+    key: str
+
+
+def changed(trial: xr.Dataset, **channels: np.ndarray) -> xr.Dataset:
+    """Trial with other values of some channels."""
+    return trial.assign({name: ("time", values, trial[name].attrs) for name, values in channels.items()})
+
+
+def _scaled(trial: xr.Dataset, names: str, factor: float) -> xr.Dataset:
+    return changed(trial, **{name: factor * trial[name].values for name in names.split()})
+
+
+def _swapped(trial: xr.Dataset, one: str, other: str) -> xr.Dataset:
+    return changed(trial, **{one: trial[other].values, other: trial[one].values})
+
+
+def _from_code(trial: xr.Dataset, name: str, unit: float) -> xr.Dataset:
+    return changed(trial, **{name: unit * CODES["ais"](trial[name].values / unit)})
+
+
+def _in_degrees(name: str, unit: str, factor: float) -> Mistake:
+    return Mistake(name, f"{name} is in {unit}", partial(_scaled, names=name, factor=factor), f'unit = "{unit}"')
+
+
+def _reversed(name: str, key: str = "sign = -1") -> Mistake:
+    return Mistake(name, f"{name} has the opposite sign", partial(_scaled, names=name, factor=-1.0), key)
+
+
+def _exchanged(one: str, other: str) -> Mistake:
+    mend = partial(_swapped, one=one, other=other)
+    return Mistake(
+        f"{one} {other}", f"{one} and {other} are swapped", mend, f"exchange the columns of {one} and {other}"
+    )
+
+
+SPEED_UNITS = {
+    _KNOT: ("knots taken for m/s", 'unit = "kn"'),
+    1.0 / 3.6: ("km/h taken for m/s", 'unit = "km/h"'),
+    0.3048: ("ft/s taken for m/s", 'unit = "ft/s"'),
+    1.0 / _KNOT: ("m/s that were converted as knots, or a track in nautical units", 'unit = "m/s"'),
+    3.6: ("m/s that were converted as km/h", 'unit = "m/s"'),
+    0.001: ("mm/s taken for m/s, or a track in km", 'unit = "km" for x and y'),
+    1000.0: ("km/s taken for m/s, or a track in mm", 'unit = "mm" for x and y'),
+}
+"""Factor that a wrong speed lacks, its words and its key."""
+
+MISTAKES = (
+    _in_degrees("r", "deg/s", _DEG),
+    _in_degrees("r", "deg/min", _DEG / 60.0),
+    _in_degrees("p", "deg/s", _DEG),
+    _in_degrees("psi", "deg", _DEG),
+    _in_degrees("phi", "deg", _DEG),
+    _in_degrees("delta", "deg", _DEG),
+    _reversed("r"),
+    _reversed("p"),
+    _reversed("psi", 'heading = "counterclockwise"'),
+    _reversed("phi"),
+    _reversed("v"),
+    _reversed("u"),
+    _exchanged("r", "psi"),
+    _exchanged("p", "phi"),
+    _exchanged("u", "v"),
+    _exchanged("x", "y"),
+    Mistake(
+        "r",
+        "r is the AIS code 4.733 times the root of the rate in deg/min",
+        partial(_from_code, name="r", unit=_DEG / 60.0),
+        'code = "ais"',
+    ),
+    *(
+        Mistake("u v", f"u and v are {words}", partial(_scaled, names="u v", factor=factor), key)
+        for factor, (words, key) in SPEED_UNITS.items()
+    ),
+)
+
+
+def explanations(trial: xr.Dataset, channels: Iterable[str], number: int) -> dict[tuple[Mistake, ...], xr.Dataset]:
+    """Trials as mended of each set of ``number`` mistakes that concern some channels."""
+    usual = [
+        one for one in MISTAKES if set(one.channels.split()) <= set(trial) and set(one.channels.split()) & set(channels)
+    ]
+    mended = {}
+    for chosen in combinations(usual, number):
+        mended[chosen] = trial
+        for one in chosen:
+            mended[chosen] = one.mend(mended[chosen])
+    return mended
+
+
+def explanation_text(trial: xr.Dataset, channels: Iterable[str], misfit: Callable[[xr.Dataset], float]) -> str:
+    """Words on the mistake, or pair, after which a record agrees with itself best, by how much, and its key."""
+    before = misfit(trial)
+    tried = explanations(trial, channels, 1) | explanations(trial, channels, 2)
+    after = {chosen: misfit(mended) for chosen, mended in tried.items()}
+    best = min(after, key=lambda chosen: after[chosen] * PAIR ** len(chosen), default=())
+    if not best or after[best] > min(before / BETTER, EXPLAINED):
+        return UNEXPLAINED
+    words, keys = (" and ".join(getattr(one, name) for one in best) for name in ("words", "key"))
+    return f"most probably {words}: the misfit falls from {before:.2g} to {after[best]:.2g}; state {keys}"

@@ -1,0 +1,151 @@
+"""Known mistakes put into a record: the check names each one and the key that mends it; a clean record has none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.cli.main import main
+from pymc_ship.records.checks.mistakes import UNEXPLAINED
+from pymc_ship.records.files.columns import AIS
+from tests.records.checks.cases import alarms, changed, checks_by_name, noisy, simulated, with_samples
+
+DEGREE, KNOT = np.pi / 180.0, 1852.0 / 3600.0
+
+
+def scaled(names, factor):
+    return lambda trial: changed(trial, **{name: factor * trial[name].values for name in names.split()})
+
+
+def swapped(one, other):
+    return lambda trial: changed(trial, **{one: trial[other].values, other: trial[one].values})
+
+
+def coded(trial):
+    """The rate of turn as AIS sends it, read in deg/min."""
+    rate = trial["r"].values / (DEGREE / 60.0)
+    return changed(trial, r=DEGREE / 60.0 * AIS * np.sign(rate) * np.sqrt(np.abs(rate)))
+
+
+MISTAKES = {
+    "r in deg/s": (scaled("r", 1.0 / DEGREE), "yaw rate", 'unit = "deg/s"'),
+    "r in deg/min": (scaled("r", 60.0 / DEGREE), "yaw rate", 'unit = "deg/min"'),
+    "r reversed": (scaled("r", -1.0), "yaw rate", "sign = -1"),
+    "r coded": (coded, "yaw rate", 'code = "ais"'),
+    "r coded and reversed": (lambda trial: scaled("r", -1.0)(coded(trial)), "yaw rate", 'sign = -1 and code = "ais"'),
+    "r and psi swapped": (swapped("r", "psi"), "yaw rate", "exchange the columns of r and psi"),
+    "p in deg/s": (scaled("p", 1.0 / DEGREE), "roll rate", 'unit = "deg/s"'),
+    "psi in deg": (scaled("psi", 1.0 / DEGREE), "yaw rate", 'unit = "deg"'),
+    "psi reversed": (scaled("psi", -1.0), "yaw rate", 'heading = "counterclockwise"'),
+    "psi and r in deg": (scaled("psi r", 1.0 / DEGREE), "heading", 'unit = "deg/s" and unit = "deg"'),
+    "x and y swapped": (swapped("x", "y"), "heading", "exchange the columns of x and y"),
+    "knots": (scaled("u v", 1.0 / KNOT), "speed", 'unit = "kn"'),
+}
+"""Mistake put in, the check that names it and the key that mends it."""
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.parametrize("run", ["zigzag", "circle"])
+def test_a_known_mistake_is_named_with_its_key(request, container, mistake, run):
+    spoil, name, key = MISTAKES[mistake]
+    check = checks_by_name(spoil(request.getfixturevalue(run)), container)[name]
+    assert check.verdict == "bad"
+    assert key in check.sentence
+
+
+def test_what_no_mistake_explains_is_said_to_be_so(zigzag, container):
+    rate = np.std(zigzag["r"].values) * np.sin(zigzag["time"].values / 30.0)
+    check = checks_by_name(changed(zigzag, r=rate), container)["yaw rate"]
+    assert check.verdict == "bad"
+    assert UNEXPLAINED in check.sentence
+
+
+def test_a_rate_that_fails_for_a_while_is_judged_apart(zigzag, container):
+    check = checks_by_name(with_samples(zigzag, "r", slice(900, 1000), 0.03), container)["yaw rate"]
+    assert check.verdict == "doubtful"
+    assert "of the record, between 17" in check.sentence
+    assert check.value("scale") == pytest.approx(1.0, abs=0.02)
+
+
+# heading against course
+
+
+def turned(trial, degrees):
+    return changed(trial, psi=trial["psi"].values + np.deg2rad(degrees))
+
+
+@pytest.mark.parametrize(("degrees", "verdict"), [(1.0, "good"), (3.0, "doubtful"), (-12.0, "bad")])
+@pytest.mark.parametrize("without", [[], ["v"]])
+def test_a_heading_off_the_course_is_named(approached, container, degrees, verdict, without):
+    check = checks_by_name(turned(approached, degrees).drop_vars(without), container)["heading offset"]
+    assert check.verdict == verdict
+    assert check.value("course less heading") == pytest.approx(-degrees, abs=0.5)
+    assert verdict == "good" or "state psi = { ..., offset = " in check.sentence
+
+
+# numbers that stand for missing cells
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("r", -127.0 * DEGREE / 60.0, "-127 deg/min in 10 cells of r"),
+        ("delta", -999.0 * DEGREE, "-999 deg in 10 cells of delta"),
+        ("u", 102.3 * KNOT, "102.3 kn in 10 cells of u"),
+        ("psi", 511.0 * DEGREE, "511 deg in 10 cells of psi"),
+        ("y", 32767.0, "32767 m in 10 cells of y"),
+        ("v", 655.35, "655.35 m/s in 10 cells of v"),
+    ],
+)
+def test_stand_ins_are_counted_and_the_rest_is_checked_without_them(zigzag, container, name, value, words):
+    trial = with_samples(zigzag, name, np.arange(700, 710), value)
+    checks = checks_by_name(trial, container)
+    assert alarms(checks) == {"stand-ins"}
+    assert words in checks["stand-ins"].sentence
+    assert f"{name} = {{ ..., missing = {words.split()[0]} }}" in checks["stand-ins"].sentence
+
+
+def test_a_value_that_a_channel_passes_is_no_stand_in(zigzag, container):
+    """A track through 360 m, 999 m; a heading through 360 deg."""
+    trial = turned(zigzag, 360.0 - np.rad2deg(zigzag["psi"].values[900]))
+    assert checks_by_name(trial, container)["stand-ins"].verdict == "good"
+
+
+# mirror images
+
+
+def test_a_mirror_image_is_named_beside_the_sign_of_the_rudder(zigzag, container, tmp_path):
+    """As ROS writes: x east, y north, psi counterclockwise from east, v to port."""
+    zigzag = zigzag.drop_vars(["p", "phi"])
+    mirrored = swapped("x", "y")(scaled("r v", -1.0)(changed(zigzag, psi=0.5 * np.pi - zigzag["psi"].values)))
+    checks = checks_by_name(mirrored, container)
+    assert {name for name in alarms(checks) if checks[name].verdict == "bad"} == {"rudder sign"}
+    assert 'axes = "enu-flu"' in checks["rudder sign"].sentence
+    ps.write_trial(mirrored, tmp_path / "trial.csv")
+    read = ps.read_trial(tmp_path / "trial.csv", format={"frame": {"axes": "enu-flu"}})
+    for name in ("x", "y", "psi", "u", "v", "r", "delta"):
+        assert np.ptp(read[name].values - zigzag[name].values) < 1e-5 * np.ptp(zigzag[name].values) + 1e-6
+
+
+# status
+
+
+@pytest.mark.parametrize(
+    ("spoil", "status"), [(lambda trial: trial, 0), (lambda trial: with_samples(trial, "r", 99, 1.0), 4)]
+)
+def test_the_exit_status_shows_a_corrected_record(tmp_path, capsys, zigzag, spoil, status):
+    ps.write_trial(spoil(zigzag), tmp_path / "trial.csv")
+    assert main(["check", str(tmp_path / "trial.csv"), "--vessel", "container", "--quiet"]) == status
+    assert ("corrected or doubtful: spikes" in capsys.readouterr().err) == (status == 4)
+
+
+# without a mistake
+
+
+@pytest.mark.parametrize("ship", ["container", "kvlcc2"])
+@pytest.mark.parametrize("level", [0.002, 0.03])
+def test_a_clean_record_has_no_mistake(ship, level):
+    vessel = ps.load_vessel(ship)
+    trial = noisy(simulated(vessel, ps.zigzag(20.0, 20.0), 800.0), 7, level)
+    assert alarms(checks_by_name(trial, vessel)) <= {"sampling", "noise"}
