@@ -76,7 +76,8 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
         args = words.parse_args(expand_patterns(sys.argv[1:] if argv is None else argv))
         _check_address_space()
         with _repeat_interrupts(), _plain_warnings(), _progress(args.quiet) as progress:
-            text, path, *failures = command(args, progress)
+            outcome = command(args, progress)
+        text, path = outcome[:2]
         if text:
             print(text, flush=True)
         if path and not args.quiet:
@@ -99,8 +100,8 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
             if reason in str(error):
                 return _fail(text, 2)
         raise
-    failure, status = (*failures, *("", 3)[len(failures) :])
-    return _fail(failure, status) if failure else 0
+    failure = outcome[2] if len(outcome) > 2 else ""
+    return _fail(failure, outcome[3] if len(outcome) > 3 else 3) if failure else 0
 
 
 def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:

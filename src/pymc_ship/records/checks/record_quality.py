@@ -115,7 +115,7 @@ def stand_ins(trial: xr.Dataset, name: str) -> dict[str, np.ndarray]:
     values, unit = trial[name].values.astype(float), CHANNELS[name].unit
     largest, found = float(np.abs(values).max()), {}
     flipped = f"{name} changed in sign" in trial.attrs.get("reading", "")
-    for factor, spelling in {factor: text for text, factor in reversed(unit.spellings.items())}.items():
+    for factor, spelling in {factor: text for text, factor in reversed(list(unit.spellings.items()))}.items():
         for number in (*STAND_INS.get(unit.name, ()), *STAND_INS[""]):
             if number * factor > 1.001 * largest:
                 continue
