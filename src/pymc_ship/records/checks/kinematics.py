@@ -119,7 +119,7 @@ def _rate_fit(predicted: np.ndarray, time: np.ndarray, measured: np.ndarray, noi
             (slope,), (error,), left = least_squares([predicted[kept]], measured[kept])
             offset = 0.0
     left_over, turned = float(np.sqrt(np.mean(left**2))), float(predicted.std())
-    return RateFit(float(slope), float(error), left_over, size, noise, turned, kept)
+    return RateFit(float(slope), float(error), left_over, size=size, noise=noise, turned=turned, kept=kept)
 
 
 def _rate_scale(rate: str, angle: str, fit: RateFit, explain: Callable[[], str]) -> Check:
