@@ -64,7 +64,7 @@ def _regression(n_rows: int, n_terms: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _in_memory(n_rows: int, n_terms: int) -> Callable:
     X, y = _regression(n_rows, n_terms)
-    return lambda: ps.ConjugatePrior().exact(ps.RegressionData.from_arrays(X, y))
+    return lambda: ps.ConjugatePrior().exact(ps.RegressionData.from_arrays(X, y, scaling="none"))
 
 
 def rows() -> Curve:

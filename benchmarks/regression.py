@@ -97,7 +97,7 @@ def bayesian_ridge(data) -> Iterator[Row]:
     X, y = scaled.design_matrix, scaled.response
 
     def fit():
-        fresh = ps.RegressionData.from_arrays(X, y)
+        fresh = ps.RegressionData.from_arrays(X, y, scaling="none")
         prior, log_evidence = ps.maximise_evidence(fresh, "conjugate")
         return prior.exact(fresh), log_evidence
 
@@ -119,7 +119,7 @@ def bayesian_ridge(data) -> Iterator[Row]:
 
 
 def _scaled(data) -> ps.RegressionData:
-    return ps.RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response)
+    return ps.RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response, scaling="none")
 
 
 def _coefficients(tree) -> np.ndarray:

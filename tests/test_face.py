@@ -228,7 +228,9 @@ def empty(one, **given):
 def shown():
     """An object of every class that is public or that a public function returns, as large as they come."""
     vessel, many = ps.load_vessel("container"), np.full(60, 1.0 / 3.0)
-    data = ps.RegressionData.from_arrays(np.random.default_rng(1).normal(size=(300, 60)), many.repeat(5))
+    data = ps.RegressionData.from_arrays(
+        np.random.default_rng(1).normal(size=(300, 60)), many.repeat(5), scaling="none"
+    )
     prior = ps.ConjugatePrior(mean=many, kappa=many)
     trial, exact = xr.Dataset(dict.fromkeys(("u", "v", "r", "p"), ("time", many))), prior.exact(data)
     exacts, ship = dict.fromkeys(vessel.dofs, exact), ps.Ship.from_vessel(vessel)

@@ -20,7 +20,9 @@ N_COMPARISONS = 5 * 4
 def regression():
     rng = np.random.default_rng(4)
     X = rng.normal(size=(30, 3))
-    return RegressionData.from_arrays(X, X @ np.array([1.0, 2.0, 0.0]) + rng.normal(size=30), ["a", "b", "c"])
+    return RegressionData.from_arrays(
+        X, X @ np.array([1.0, 2.0, 0.0]) + rng.normal(size=30), ["a", "b", "c"], scaling="none"
+    )
 
 
 PRIOR = ConjugatePrior(kappa=4.0, shape=5.0, scale=8.0)

@@ -18,7 +18,9 @@ def made(noise, *, kappa=100.0, family=ps.ConjugatePrior, columns=None, draws=60
     """Posterior of a regression with the given noise, with its data and exact moments."""
     rng = np.random.default_rng(seed)
     X = rng.standard_normal((len(noise), 3)) if columns is None else columns
-    data = ps.RegressionData.from_arrays(X, X @ TRUTH + noise, ("Ya", "Yb", "Yc"), dof="sway", vessel="none")
+    data = ps.RegressionData.from_arrays(
+        X, X @ TRUTH + noise, ("Ya", "Yb", "Yc"), dof="sway", vessel="none", scaling="none"
+    )
     prior = family(kappa=kappa, shape=3.0, scale=0.5)
     return ps.exact_posterior(data, prior, draws=4 * draws, chains=4, rng=rng), data, prior
 

@@ -48,7 +48,7 @@ def regression():
     """Posterior of a raft with two coefficients."""
     X = np.random.default_rng(1).standard_normal((60, 2))
     response = X.sum(axis=1) + 0.1 * np.random.default_rng(2).standard_normal(60)
-    data = ps.RegressionData.from_arrays(X, response, ("Yv", "Yr"), dof="sway", vessel="raft")
+    data = ps.RegressionData.from_arrays(X, response, ("Yv", "Yr"), dof="sway", vessel="raft", scaling="none")
     return ps.exact_posterior(data, ps.ConjugatePrior(), draws=2400, chains=4, rng=np.random.default_rng(3))
 
 

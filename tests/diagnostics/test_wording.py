@@ -24,7 +24,7 @@ def compared(other):
 
 def of_other_terms():
     X = np.random.default_rng(1).normal(size=(30, 3))
-    return exact_posterior(RegressionData.from_arrays(X, X[:, 0]), PRIOR, rng=np.random.default_rng(1))
+    return exact_posterior(RegressionData.from_arrays(X, X[:, 0], scaling="none"), PRIOR, rng=np.random.default_rng(1))
 
 
 def with_posterior(tree, change):

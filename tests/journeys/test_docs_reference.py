@@ -150,7 +150,9 @@ def table_of_groups(section):
 
 def test_the_page_of_the_posterior_has_its_groups_and_attrs():
     rng = np.random.default_rng(1)
-    data = ps.RegressionData.from_arrays(rng.standard_normal((20, 2)), rng.standard_normal(20), coefficients=("a", "b"))
+    data = ps.RegressionData.from_arrays(
+        rng.standard_normal((20, 2)), rng.standard_normal(20), coefficients=("a", "b"), scaling="none"
+    )
     tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=8, rng=rng)
     found = {
         name: {str(key): value.dims for key, value in group.data_vars.items()} for name, group in tree.children.items()

@@ -42,7 +42,7 @@ def trial():
 def data():
     rng = np.random.default_rng(1)
     columns = rng.standard_normal((30, 2))
-    return ps.RegressionData.from_arrays(columns, columns @ [1.0, 2.0] + 0.1 * rng.standard_normal(30))
+    return ps.RegressionData.from_arrays(columns, columns @ [1.0, 2.0] + 0.1 * rng.standard_normal(30), scaling="none")
 
 
 # seeds ----------------------------------------------------------------------------------------------------------------

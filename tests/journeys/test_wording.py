@@ -59,7 +59,9 @@ test_inference_errors = wording(
     ps.InferenceError,
     (
         "^The prior of a regression is a Prior such as Conj.*; make one, or choose",
-        lambda: ps.exact_posterior(ps.RegressionData.from_arrays(np.eye(3), np.arange(3.0)), "conjugate", rng=RNG),
+        lambda: ps.exact_posterior(
+            ps.RegressionData.from_arrays(np.eye(3), np.arange(3.0), scaling="none"), "conjugate", rng=RNG
+        ),
     ),
     (
         "^The prior of a trajectory fit is a CoefficientPrior or one of flat, ",

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.machine.arguments import check_choice, finite_number, short_repr
+from pymc_ship.machine.arguments import check_choice, finite_number, real_array, short_repr
 
 
 class OddError(ValueError):
@@ -50,3 +50,46 @@ def test_a_long_value_is_cut(value):
     assert len(short_repr(value)) <= 100
     assert len(short_repr([[[[[value]]]]])) <= 100
     assert len(short_repr([{str(k): {"x" * k: [k] * k for k in range(9)} for k in range(9)}])) <= 100
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        [1, 2, 3],
+        np.array([1, 2, 3], dtype=np.int8),
+        np.array([1.0, 2.0, 3.0], dtype=object),
+        np.array([1.0, 2.0, 3.0], dtype=np.float32),
+        np.ma.array([1.0, 2.0, 3.0], mask=False),
+    ],
+)
+def test_real_numbers_come_back_as_a_new_array_of_floats(values):
+    found = real_array("The size", values)
+    assert (found.dtype, found.tolist(), type(found)) == (np.dtype(float), [1.0, 2.0, 3.0], np.ndarray)
+    assert not np.shares_memory(found, values)
+
+
+def test_nan_is_for_the_caller():
+    assert np.isnan(real_array("The size", [np.nan, 1.0])).tolist() == [True, False]
+
+
+MASKED = np.ma.masked_greater([1.0, 9.96921e36, 2.0], 1e30)
+
+
+@pytest.mark.parametrize(
+    ("values", "found"),
+    [
+        (MASKED, "1 masked; fill the gaps or leave them out"),
+        ([MASKED, MASKED], "2 masked; fill the gaps or leave them out"),
+        ([1.0, np.ma.masked], "1 masked; fill the gaps or leave them out"),
+        ([1.0, None], "1 missing; fill the gaps or leave them out"),
+        (np.array([1.0 + 2.0j]), "complex values; convert them"),
+        (["1", "2"], "texts; convert them"),
+        (np.array(["2026-01-01"], dtype="datetime64[s]"), "dates; convert them"),
+        (np.array([1, 2], dtype="timedelta64[s]"), "durations; convert them"),
+        ([[1.0], [1.0, 2.0]], "[[1.0], [1.0, 2.0]]; convert them"),
+    ],
+)
+def test_what_is_no_array_of_real_numbers(values, found):
+    with pytest.raises(OddError) as error:
+        real_array("The size", values, OddError)
+    assert str(error.value) == f"The size must be real numbers, found {found}."

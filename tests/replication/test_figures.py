@@ -33,7 +33,7 @@ def plain_trees(names=("surge", "sway"), n_terms=3):
     """Independent draws of a small regression for each name."""
     rng = np.random.default_rng(6)
     X = rng.normal(size=(40, n_terms))
-    data = ps.RegressionData.from_arrays(X, X.sum(axis=1) + rng.normal(size=40))
+    data = ps.RegressionData.from_arrays(X, X.sum(axis=1) + rng.normal(size=40), scaling="none")
     prior = ps.ConjugatePrior(kappa=10.0)
     return {name: ps.exact_posterior(data, prior, draws=400, rng=rng) for name in names}
 
@@ -46,7 +46,7 @@ def denoising():
 
 def noise_variance():
     X = np.random.default_rng(2).normal(size=(40, 3))
-    data = ps.RegressionData.from_arrays(X, X @ np.ones(3) + np.sin(np.arange(40.0)))
+    data = ps.RegressionData.from_arrays(X, X @ np.ones(3) + np.sin(np.arange(40.0)), scaling="none")
     return figures.noise_variance({name: prior().exact(data) for name, prior in FAMILIES.items()}, "surge")
 
 

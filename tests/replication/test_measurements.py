@@ -178,7 +178,7 @@ def plain():
     """Conjugate posterior of a plain regression as an identification with one DOF."""
     rng = np.random.default_rng(8)
     X = rng.normal(size=(N_ROWS, N_TERMS))
-    data = ps.RegressionData.from_arrays(X, X.sum(axis=1) + rng.normal(size=N_ROWS))
+    data = ps.RegressionData.from_arrays(X, X.sum(axis=1) + rng.normal(size=N_ROWS), scaling="none")
     exact = ps.ConjugatePrior(kappa=10.0, shape=3.0, scale=2.0).exact(data)
     return SimpleNamespace(exact={"conjugate": {"plain": exact}})
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -44,7 +45,7 @@ from pymc_ship.cli.texts import (
     tuning_text,
 )
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
-from pymc_ship.inference.regression.tune import tune_prior
+from pymc_ship.inference.regression.tune import BoundWarning, bound_text, tune_prior
 from pymc_ship.machine.errors import SimulationError, TrialError
 from pymc_ship.machine.files import staged_files, staged_path, writable_folder
 from pymc_ship.machine.text import TextError, file_text
@@ -170,19 +171,21 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     families = FAMILIES if args.family == "both" else (args.family,)
     settings = {"interval": _row_interval(trial, args), "derivative": args.derivative, "selection": args.select}
     trial = _smooth(trial, args, progress)
-    result = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)
-    rows = []
+    with warnings.catch_warnings(action="ignore", category=BoundWarning):  # the text has them
+        result = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)
+    rows, bounds = [], []
     with staged_files(out) as folder:
         for family in families:
-            for dof, at in result.edges(family).items():
-                progress(f"{dof}, {family}: the search of the prior ends at a bound of {' and '.join(at)}", remark=True)
+            edges = result.edges(family)
+            bounds += [f"{bound_text(f'The {family} prior of the {dof}', at)}." for dof, at in edges.items()]
             progress(f"posterior draws, {family}")
             for dof, tree in result.posteriors(family, draws=args.draws, rng=rng).items():
                 tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}
                 write_posterior(tree, folder / f"{dof}-{family}.nc")
             rows += coefficient_rows(vessel, family, result.exact[family])
         write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
-    return "\n\n".join(filter(None, [trial.attrs["record_remarks"], coefficient_table(rows, families)])), out
+    text = [trial.attrs["record_remarks"], "\n".join(bounds), coefficient_table(rows, families)]
+    return "\n\n".join(filter(None, text)), out
 
 
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -212,7 +215,8 @@ def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     data = ps.regression_data(trial, vessel, args.dof, interval=_row_interval(trial, args), derivative=args.derivative)
     progress(f"tuning the {args.family} prior of the {args.dof}: {args.evaluations} evaluations")
     settings = {"evaluations": args.evaluations, "folds": args.folds, "split": args.split}
-    tuned = tune_prior(data, args.family, rng=np.random.default_rng(args.seed), **settings)
+    with warnings.catch_warnings(action="ignore", category=BoundWarning):  # the text has them
+        tuned = tune_prior(data, args.family, rng=np.random.default_rng(args.seed), **settings)
     if out:
         scores = {name: getattr(tuned, name) for name in ("score", "score_se", "evidence_score", "log_evidence")}
         table = {**tuned.prior.hyperparameters(), **scores, "dof": args.dof, "made_by": made_by(args)}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from pymc_ship.inference.regression.tune import bound_text
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.design.outlook import sentence_without_gain
 from pymc_ship.ships.ensemble.index_table import index_rows
@@ -85,11 +86,8 @@ def tuning_text(tuned: TunedPrior) -> str:
         "evidence maximum": (tuned.evidence_prior, tuned.evidence_score),
     }
     rows = [(name, prior.shape, prior.scale, prior.kappa, f"{score:.4f}") for name, (prior, score) in priors.items()]
-    edges = "".join(
-        f"\nThe {'chosen prior' if name == 'prior' else 'evidence maximum'} lies at a bound of "
-        f"{' and '.join(at)}: the bound, not the data, ended the search."
-        for name, at in tuned.edges.items()
-    )
+    subjects = {"prior": "The chosen prior", "evidence": "The evidence maximum"}
+    edges = "".join(f"\n{bound_text(subjects[name], at)}." for name, at in tuned.edges.items())
     return (
         f"{table(('prior', 'shape', 'scale', 'kappa', 'score'), rows, 'Priors and scores')}\n\n"
         f"Score, the log predictive density per held-out row: {tuned.score:.4f} ± {tuned.score_se:.4f}.\n"

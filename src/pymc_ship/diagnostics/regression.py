@@ -66,6 +66,7 @@ def data_of(tree: xr.DataTree) -> RegressionData:
         constant["design_matrix"].transpose("row", "coefficient").values,
         tree["observed_data"].dataset["response"].values,
         names,
+        scaling="none",
         time=constant["time"].values if "time" in constant else None,
         run=constant["run"].values if "run" in constant else None,
         dof=tree.attrs["dof"],

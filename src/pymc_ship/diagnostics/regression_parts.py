@@ -22,6 +22,7 @@ from pymc_ship.diagnostics.tables import (
 )
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.regression.tune import bound_text, on_edge
 from pymc_ship.inference.sampling.error_laws import errors_of
 from pymc_ship.pages.tables import fixed_point, heads, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -41,6 +42,9 @@ def _verdict(one: Comparison) -> list[str]:
         lines.append(f"What the data determine and the residuals are not known: {lacking}")
     else:
         lines += [parts.evidence_sentence(regression.contraction(tree)), _white(tree)]
+    prior = regression.prior_of(tree)
+    if prior is not None and (names := on_edge(prior)):
+        lines.append(f"{bound_text('The prior', names)}.")
     return [*lines, *parts.record_remarks(tree)]
 
 

@@ -1,4 +1,4 @@
-"""Checks of single values; an error is one sentence: rule, value, remedy."""
+"""Checks of values and arrays; an error is one sentence: rule, value, remedy."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ from contextlib import suppress
 from reprlib import Repr
 from typing import Any
 
+import numpy as np
+
 _SHORT = Repr(maxlevel=3, maxstring=60, maxlong=60, maxother=60)
 _LONGEST = 100
+_KINDS = {"c": "complex values", "U": "texts", "S": "texts", "M": "dates", "m": "durations"}  # of NumPy
+_MISSING = ("NAType", "NaTType")  # of pandas
 
 
 def short_repr(value: object) -> str:
@@ -39,3 +43,36 @@ def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *
         rule = "a finite number" if least == -math.inf else f"a number from {least:g} up"
         raise error(f"{what} must be {rule}, found {short_repr(value)}; correct it.")
     return number
+
+
+def real_array(what: str, values: Any, error: type[ValueError] = ValueError) -> np.ndarray:
+    """Values as a new array of floats, with their NaN; ``error`` for masked, missing or complex values, texts, dates.
+
+    Every array from outside enters here: NumPy alone takes the fill value of a masked one, 9.97e36 in netCDF4.
+    """
+    parts = values if isinstance(values, list | tuple) else [values]
+    masked = sum(np.count_nonzero(np.ma.getmaskarray(part)) for part in parts if np.ma.is_masked(part))
+    if masked:
+        raise error(f"{what} must be real numbers, found {masked} masked; fill the gaps or leave them out.")
+    found = None
+    with suppress(TypeError, ValueError):  # of rows of different length
+        found = np.asarray(values)
+    if found is not None and found.dtype.kind == "O":
+        found = _from_objects(what, found, error)
+    if found is None or found.dtype.kind not in "biuf":
+        kind = "" if found is None else _KINDS.get(found.dtype.kind, "")
+        raise error(f"{what} must be real numbers, found {kind or short_repr(values)}; convert them.")
+    return np.array(found, dtype=float, order="C")
+
+
+def _from_objects(what: str, objects: np.ndarray, error: type[ValueError]) -> np.ndarray:
+    """Floats of an array of Python objects, the array itself if they are no numbers; ``error`` for missing ones."""
+    items = objects.ravel().tolist()
+    missing = sum(item is None or type(item).__name__ in _MISSING for item in items)
+    if missing:
+        raise error(f"{what} must be real numbers, found {missing} missing; fill the gaps or leave them out.")
+    if any(isinstance(item, str | bytes) for item in items):
+        return objects.astype(str)
+    with suppress(TypeError, ValueError, OverflowError):
+        return objects.astype(float)
+    return objects

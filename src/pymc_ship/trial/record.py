@@ -18,10 +18,16 @@ _SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)  # median |y_{k+1} - 2 y_
 
 
 def as_trial(trial: object) -> xr.Dataset:
-    """The trial itself; TrialError for anything else than one Dataset."""
-    if isinstance(trial, xr.Dataset):
-        return trial
-    raise TrialError(f"A trial must be one xarray Dataset over time, found {_kind(trial)}; give one trial at a time.")
+    """The trial itself; TrialError for anything else than one Dataset whose channels and time are real numbers."""
+    if not isinstance(trial, xr.Dataset):
+        raise TrialError(
+            f"A trial must be one xarray Dataset over time, found {_kind(trial)}; give one trial at a time."
+        )
+    for name, variable in trial.variables.items():
+        if variable.dtype.kind not in "biuf" and (name == "time" or name in CHANNELS):
+            rule = "The time of a trial must be seconds" if name == "time" else f"Channel {name} must be real numbers"
+            raise TrialError(f"{rule}, found the type {variable.dtype}; convert it.")
+    return trial
 
 
 def _kind(trials: object) -> str:

@@ -22,7 +22,7 @@ def case():
 def two_modes():
     """Rows that either a coefficient of 25 or the noise explains; the marginal of log sigma2 has two modes."""
     x = np.array([1.0, 2.0, 3.0, -2.0, -1.0])
-    data = RegressionData.from_arrays(x[:, None], 25.0 * x + [1.0, -1.0, 0.5, 0.0, -0.5])
+    data = RegressionData.from_arrays(x[:, None], 25.0 * x + [1.0, -1.0, 0.5, 0.0, -0.5], scaling="none")
     return data, SemiConjugatePrior(kappa=10.0, shape=2.0, scale=1.0)
 
 

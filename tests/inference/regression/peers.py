@@ -50,7 +50,7 @@ def oracle(name):
     rows = np.loadtxt(FOLDER / f"{name}.csv.gz", delimiter=",", skiprows=2)
     exact = np.genfromtxt(FOLDER / f"{name}_exact.csv", delimiter=",", skip_header=2)[:, 1:]
     return SimpleNamespace(
-        data=RegressionData.from_arrays(rows[:, 1:], rows[:, 0]),
+        data=RegressionData.from_arrays(rows[:, 1:], rows[:, 0], scaling="none"),
         mean=exact[:-1, 0],
         sd=exact[:-1, 1],
         quantiles=exact[:-1, 2:].T,
@@ -66,7 +66,9 @@ def simulated(n_rows, n_terms, *, seed, noise=1.0):
     """Plain regression data: independent columns, coefficients of order one."""
     rng = np.random.default_rng(seed)
     X = rng.standard_normal((n_rows, n_terms))
-    return RegressionData.from_arrays(X, X @ rng.standard_normal(n_terms) + noise * rng.standard_normal(n_rows))
+    return RegressionData.from_arrays(
+        X, X @ rng.standard_normal(n_terms) + noise * rng.standard_normal(n_rows), scaling="none"
+    )
 
 
 def z_limit(comparisons):

@@ -7,10 +7,12 @@ from scipy.special import logsumexp
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.cross_validation import cross_validation, fold_rows
+from pymc_ship.inference.regression.prior_table import hold_fixed
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.errors import InferenceError
 from tests.inference.regression.peers import oracle, simulated
+from tests.sentences import refused
 
 PRIORS = [
     ConjugatePrior(kappa=2.0, shape=3.0, scale=1.5),
@@ -133,6 +135,85 @@ class TestScore:
         for name in ("svd", "solve", "inv", "cholesky", "eigh"):
             monkeypatch.setattr(np.linalg, name, refuse)
         assert validation.score(prior).mean == before
+
+
+class TestScaling:
+    """The training rows are scaled by themselves: no held-out value reaches the fit."""
+
+    @staticmethod
+    def data(y, constant=True, **options):
+        x = np.random.default_rng(11).normal(size=40)
+        columns = np.column_stack([np.ones(40), x]) if constant else x[:, None]
+        return RegressionData.from_arrays(columns, y, **options)
+
+    @pytest.mark.parametrize("constant", [True, False])
+    @pytest.mark.parametrize("prior", PRIORS[:2], ids=["conjugate", "semiconjugate"])
+    def test_the_prediction_of_a_fold_does_not_depend_on_its_response(self, prior, constant):
+        x = np.random.default_rng(11).normal(size=40)
+        y = 3.0 + x + 0.2 * np.random.default_rng(10).normal(size=40)
+        moved = y + np.where(np.arange(40) < 20, 0.0, 5.0)
+        means = []
+        for response in (y, moved):
+            folds = cross_validation(self.data(response, constant), 2)
+            means.append(prior.exact(folds.training[0]).predict(folds.held_out[0].design_matrix)[0])
+        honest = cross_validation(self.data(moved, constant), 2)
+        np.testing.assert_array_equal(honest.held_out[1].response, moved[20:])
+        for response, mean in zip((y, moved), means, strict=True):
+            again = prior.exact(self.data(response, constant).rescaled_rows(np.arange(20, 40)))
+            np.testing.assert_allclose(again.predict(honest.held_out[0].design_matrix)[0], mean, rtol=1e-12)
+        first = [cross_validation(self.data(response, constant), 2).training[1] for response in (y, moved)]
+        np.testing.assert_allclose(*(one.scaled_response for one in first), atol=1e-12)
+        leaking = [self.data(response, constant).rows(np.arange(20)).scaled_response for response in (y, moved)]
+        assert np.abs(leaking[0] - leaking[1]).max() > 0.1  # the broken twin: the scaling of the whole
+
+    def test_training_rows_are_z_scored(self):
+        y = np.random.default_rng(10).normal(size=40)
+        for training in cross_validation(self.data(y), 4).training:
+            np.testing.assert_allclose(training.scaled_response, stats.zscore(training.response), atol=1e-12)
+            np.testing.assert_allclose(
+                training.scaled_design_matrix[:, 1], stats.zscore(training.design_matrix[:, 1]), atol=1e-12
+            )
+
+    def test_rows_without_scaling_stay_as_they_are(self):
+        y = 7.0 + np.random.default_rng(10).normal(size=40)
+        for training in cross_validation(self.data(y, scaling="none"), 4).training:
+            np.testing.assert_array_equal(training.scaled_response, training.response)
+
+    def test_a_fixed_coefficient_changes_no_scale(self):
+        """The scales that are kept for the other coefficients follow the training rows in proportion."""
+        x = np.random.default_rng(1).normal(size=(40, 2))
+        data = RegressionData.from_arrays(x, x @ [10.0, 1.0])
+        fixed = hold_fixed(data, {"x1": 10.0})
+        some = np.arange(30)
+        ratio = np.sqrt(np.mean(x[:30, 1] ** 2) / np.mean(x[:, 1] ** 2))
+        part = fixed.rescaled_rows(some)
+        assert part.column_scale[0] == pytest.approx(data.column_scale[1] * ratio, rel=1e-12)
+        assert part.response_scale == pytest.approx(data.response_scale * ratio, rel=1e-12)
+
+    def test_a_column_without_variation_in_a_training_set_keeps_its_scale(self):
+        x = np.random.default_rng(1).normal(size=40)
+        late = np.where(np.arange(40) < 30, 0.5, x)
+        data = RegressionData.from_arrays(np.column_stack([np.ones(40), x, late]), x + late)
+        part = cross_validation(data, 4).training[3]
+        assert part.column_scale[2] == data.column_scale[2]
+        np.testing.assert_array_equal(part.scaled_design_matrix[:, 2], np.zeros(30))
+
+    def test_blocks_follow_time_within_each_run(self):
+        rng = np.random.default_rng(2)
+        X, y = rng.normal(size=(24, 2)), rng.normal(size=24)
+        run, time = np.repeat(["b", "a"], 12), np.tile(np.arange(12.0), 2)
+        shuffled = rng.permutation(24)
+        shuffled = shuffled[np.argsort(run[shuffled] == "a", kind="stable")]
+        sorted_rows = RegressionData.from_arrays(X, y, time=time, run=run)
+        mixed = RegressionData.from_arrays(X[shuffled], y[shuffled], time=time[shuffled], run=run[shuffled])
+        for one, other in zip(
+            cross_validation(sorted_rows, 4).held_out, cross_validation(mixed, 4).held_out, strict=True
+        ):
+            assert set(zip(one.run, one.time, strict=True)) == set(zip(other.run, other.time, strict=True))
+
+    def test_a_response_that_is_constant_over_training_rows_is_refused(self):
+        with refused(InferenceError, "response"):
+            cross_validation(self.data(np.where(np.arange(40) < 30, 1.0, 2.0 + np.arange(40.0))), 4)
 
 
 class TestErrors:

@@ -56,7 +56,7 @@ class TestScaling:
             shape=prior.shape,
             scale=prior.scale * scaled.response_scale**2,
         )
-        one, other = prior.exact(scaled), plain_prior.exact(RegressionData.from_arrays(X, y))
+        one, other = prior.exact(scaled), plain_prior.exact(RegressionData.from_arrays(X, y, scaling="none"))
         np.testing.assert_allclose(one.mean, other.mean, rtol=1e-10)
         np.testing.assert_allclose(one.sd, other.sd, rtol=1e-10)
         assert one.noise_variance_mean == pytest.approx(other.noise_variance_mean, rel=1e-10)
@@ -66,7 +66,7 @@ class TestScaling:
         rng = np.random.default_rng(6)
         X = np.column_stack([rng.normal([3.0, -8.0], 1.0, (30, 2)), np.full(30, 2.0)])
         data = RegressionData.from_arrays(X, 1e-4 * (X @ [1.0, 2.0, 3.0] + rng.standard_normal(30)), scaling="zscore")
-        plain = RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response)
+        plain = RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response, scaling="none")
         prior = vector_prior(3, family)
         one, other = prior.exact(data), prior.exact(plain)
         np.testing.assert_allclose(one.mean, data.to_original(other.mean), rtol=1e-10)

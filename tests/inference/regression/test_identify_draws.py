@@ -11,7 +11,7 @@ PRIOR = ps.ConjugatePrior(kappa=100.0, shape=2.0, scale=1.0)
 
 
 def rows(X, y):
-    return [ps.RegressionData.from_arrays(x[:, None], y, ["slope"]) for x in X]
+    return [ps.RegressionData.from_arrays(x[:, None], y, ["slope"], scaling="none") for x in X]
 
 
 def test_moments_are_those_of_the_mixture():
@@ -51,7 +51,7 @@ def test_pooled_intervals_hold_a_mean_of_missing_values_and_known_ones_do_not():
             variance = 49.0 * observed.var(ddof=1) / rng.chisquare(49)
             mean = observed.mean() + np.sqrt(variance / 50.0) * rng.standard_normal()
             full = np.concatenate([observed, mean + np.sqrt(variance) * rng.standard_normal(50)])
-            drawn.append(ps.RegressionData.from_arrays(ones, full, ["mean"]))
+            drawn.append(ps.RegressionData.from_arrays(ones, full, ["mean"], scaling="none"))
         found = ps.pooled_coefficients(drawn, PRIOR, draws=2000, rng=rng)
         held.append(float(found["lower"][0]) < 0.0 < float(found["upper"][0]))
         low, high = PRIOR.exact(drawn[0]).quantiles([0.05, 0.95])[:, 0]

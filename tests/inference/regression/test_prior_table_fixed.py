@@ -24,7 +24,9 @@ class TestFixed:
     def test_it_is_the_regression_with_the_known_part_removed(self, family):
         data = ship("none")
         X, y = data.design_matrix, data.response
-        known = RegressionData.from_arrays(X[:, [0, 1, 2, 4]], y - 0.7 * X[:, 3], ["Y0", "Yv", "Yr", "Ydelta"])
+        known = RegressionData.from_arrays(
+            X[:, [0, 1, 2, 4]], y - 0.7 * X[:, 3], ["Y0", "Yv", "Yr", "Ydelta"], scaling="none"
+        )
         held, prior = hold_fixed(data, HELD), base(family, 4)
         assert held.coefficients == known.coefficients
         assert held.constant == known.constant

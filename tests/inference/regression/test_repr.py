@@ -36,7 +36,7 @@ def test_regression_data():
         f"  columns   centred on Y0, scales 1 to {one.column_scale.max():.4g}",
         f"  response  centre {one.response_center:.4g}, scale {one.response_scale:.4g}",
     ]
-    plain = RegressionData.from_arrays(*rows(200, 300))
+    plain = RegressionData.from_arrays(*rows(200, 300), scaling="none")
     assert short(repr(plain))[0] == "RegressionData of 300 rows and 200 terms"
     assert short(repr(plain))[1].endswith(", ...")
     assert short(repr(plain))[2] == "  columns   not centred, scales 1 to 1"

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import fields
+import warnings
+from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,9 +11,11 @@ from scipy import stats
 
 from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import FAMILIES
-from pymc_ship.inference.regression.tune import maximise_evidence, on_edge, tune_prior
+from pymc_ship.inference.regression.tune import BoundWarning, maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from tests.inference.regression.peers import oracle, simulated
+
+AT_BOUNDS = pytest.mark.filterwarnings("ignore::pymc_ship.inference.regression.tune.BoundWarning")
 
 module = importlib.import_module("pymc_ship.inference.regression.tune")
 
@@ -30,7 +34,7 @@ def noise_is_covered(family, seed):
     rng = np.random.default_rng([7, seed])
     columns, variance = rng.standard_normal((60, 5)), 10.0 ** rng.uniform(-3.0, 0.0)
     response = columns @ rng.standard_normal(5) + np.sqrt(variance) * rng.standard_normal(60)
-    data = RegressionData.from_arrays(columns, response)
+    data = RegressionData.from_arrays(columns, response, scaling="none")
     prior, _ = maximise_evidence(data, family)
     low, high = prior.exact(data).noise_variance_quantiles(np.array([0.05, 0.95]))
     return low <= variance <= high
@@ -38,7 +42,8 @@ def noise_is_covered(family, seed):
 
 @pytest.fixture(scope="module", params=list(FAMILIES))
 def found(request):
-    return request.param, tuned(request.param, evaluations=15)
+    with warnings.catch_warnings(action="ignore", category=BoundWarning):  # after few evaluations
+        return request.param, tuned(request.param, evaluations=15)
 
 
 class TestResult:
@@ -148,9 +153,34 @@ class TestEvidence:
         data, box = scaled(), FAMILIES["conjugate"].box
         prior, _ = maximise_evidence(data)
         assert on_edge(prior) == ()
-        low, _ = maximise_evidence(data, box=box | {"kappa": (prior.kappa * 2.0, prior.kappa * 4.0)})
+        with pytest.warns(BoundWarning, match="^The conjugate prior lies at a bound of kappa: the bound, not the data"):
+            low, _ = maximise_evidence(data, box=box | {"kappa": (prior.kappa * 2.0, prior.kappa * 4.0)})
         assert on_edge(low, box | {"kappa": (prior.kappa * 2.0, prior.kappa * 4.0)}) == ("kappa",)
 
+    def test_a_record_that_drifts_is_not_scored_with_what_it_holds_out(self):
+        """A slow drift and blocks: the scaling of the whole made the score .13 to .43 nat a row too good."""
+        rng = np.random.default_rng(0)
+        x, drift = rng.normal(size=200), 0.3 * np.cumsum(rng.normal(size=200))
+        data = RegressionData.from_arrays(np.column_stack([np.ones(200), x]), x + drift + 0.2 * rng.normal(size=200))
+        prior = FAMILIES["conjugate"](kappa=1e-4, shape=2.0, scale=1.0)
+        validation = cross_validation(data)
+        leaking = replace(
+            validation, training=tuple(data.rows(np.isin(data.time, one.time)) for one in validation.training)
+        )
+        assert leaking.score(prior).mean > validation.score(prior).mean + 0.1
+
+    @pytest.mark.parametrize("search", [maximise_evidence, partial(tune_prior, evaluations=6, rng=1)])
+    def test_a_search_that_ends_at_a_bound_warns(self, search):
+        """Noise alone: no coefficient differs from zero, and kappa has no lower limit of its own."""
+        rng = np.random.default_rng(1)
+        data = RegressionData.from_arrays(rng.normal(size=(60, 2)), rng.normal(size=60), dof="sway")
+        box = FAMILIES["conjugate"].box | {"kappa": (10.0, 10.001)}
+        with pytest.warns(
+            BoundWarning, match="^The conjugate prior of the sway lies at a bound of .*kappa.*wider box.$"
+        ):
+            search(data, "conjugate", box=box)
+
+    @AT_BOUNDS
     def test_both_families_agree_where_the_noise_variance_is_known(self):
         """At a firm sigma2 the conjugate kappa sigma2 is the semi-conjugate kappa, and the evidence the same."""
         box = {"shape": (1e7, 1.0001e7), "noise_variance": (1e-3, 1.0)}

@@ -246,7 +246,7 @@ test_errors_of_rows = wording(
         lambda: ps.pooled_coefficients(
             [
                 rows(np.random.default_rng(3).standard_normal((2, 30)), np.arange(30.0))[0],
-                ps.RegressionData.from_arrays(np.ones((30, 1)), np.arange(30.0), ["other"]),
+                ps.RegressionData.from_arrays(np.ones((30, 1)), np.arange(30.0), ["other"], scaling="none"),
             ],
             PRIOR,
             rng=np.random.default_rng(1),

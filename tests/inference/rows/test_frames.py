@@ -35,7 +35,7 @@ def formulae():
 
 
 def test_the_columns_of_a_table_name_the_coefficients(frame):
-    data = ps.RegressionData.from_arrays(frame[["v", "r"]], frame["Y"])
+    data = ps.RegressionData.from_arrays(frame[["v", "r"]], frame["Y"], scaling="none")
     assert data.coefficients == ("v", "r")
     np.testing.assert_array_equal(data.design_matrix, frame[["v", "r"]].to_numpy())
     np.testing.assert_array_equal(data.response, frame["Y"].to_numpy())
@@ -64,13 +64,13 @@ def test_pandas_is_not_imported_for_a_table():
     ("columns", "names", "sentence"),
     [
         ({"v": [1.0, 2.0]}, ["v", "r"], "The rows need the columns v, r, each of them once; found v; add or rename r."),
-        ({"v": ["a", "b"]}, None, "The rows need numbers, found none in the column v; convert it."),
+        ({"v": ["a", "b"]}, None, "The column v must be real numbers, found texts; convert them."),
         ({"v": [1.0, np.nan]}, None, "Regression data must be finite, found NaN or infinity in v; clean the trial."),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused_with_a_sentence(columns, names, sentence):
     with pytest.raises(ps.InferenceError) as found:
-        ps.RegressionData.from_arrays(Table(**columns), [1.0, 2.0], names)
+        ps.RegressionData.from_arrays(Table(**columns), [1.0, 2.0], names, scaling="none")
     assert str(found.value) == sentence
 
 
@@ -78,7 +78,7 @@ def test_a_table_that_cannot_be_used_is_refused_with_a_sentence(columns, names, 
 
 
 def test_a_formula_makes_named_columns(formulae, frame):
-    data = ps.RegressionData.from_formula(FORMULA, frame)
+    data = ps.RegressionData.from_formula(FORMULA, frame, scaling="none")
     values = motion()
     assert data.coefficients == NAMES
     assert data.constant == 0
@@ -91,7 +91,7 @@ def test_a_formula_calls_functions_from_where_it_is_written(formulae, frame):
     def bent(values):
         return values * np.abs(values)
 
-    data = ps.RegressionData.from_formula("Y ~ 0 + bent(v)", frame)
+    data = ps.RegressionData.from_formula("Y ~ 0 + bent(v)", frame, scaling="none")
     np.testing.assert_array_equal(data.design_matrix[:, 0], bent(frame["v"].to_numpy()))
 
 
@@ -154,7 +154,7 @@ def test_the_remedy_for_an_offset_fixes_its_coefficient(formulae, frame):
 def test_a_formula_without_its_parser_is_refused_with_a_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "formulae", None)
     with pytest.raises(ps.InferenceError) as found:
-        ps.RegressionData.from_formula("Y ~ v", Table(**motion()))
+        ps.RegressionData.from_formula("Y ~ v", Table(**motion()), scaling="none")
     assert str(found.value) == ("Formulas need the package formulae, found none; install pymc-ship[formula].")
 
 
@@ -185,7 +185,7 @@ def test_a_formula_is_evaluated_for_new_rows(formulae, frame, prior, scaling):
 
 
 def test_fixed_coefficients_are_left_out_of_new_rows(formulae, frame):
-    data = ps.hold_fixed(ps.RegressionData.from_formula(FORMULA, frame), {"r": -3.0})
+    data = ps.hold_fixed(ps.RegressionData.from_formula(FORMULA, frame, scaling="none"), {"r": -3.0})
     exact = ps.ConjugatePrior().exact(data)
     np.testing.assert_allclose(exact.predict(frame.iloc[:5]), exact.predict(data.design_matrix[:5]), rtol=1e-12)
 
@@ -196,15 +196,15 @@ def test_fixed_coefficients_are_left_out_of_new_rows(formulae, frame):
         ({"columns": ["v"]}, "New rows need the columns v, r, each of them once; found v; add or rename r."),
         ({"columns": ["V", "R"]}, "New rows need the columns v, r, each of them once; found V, R; add or rename v, r."),
         ({"r": np.nan}, "New rows are finite, of shape (rows, 2), found NaN or infinity in r; check them."),
-        ({"r": "fast"}, "New rows need numbers, found none in the column r; convert it."),
+        ({"r": "fast"}, "The column r must be real numbers, found texts; convert them."),
         ({"array": [[1.0]]}, "New rows are finite, of shape (rows, 2), found shape (1, 1); check them."),
-        ({"array": "v.csv"}, "New rows are numbers, found 'v.csv'; convert them."),
+        ({"array": "v.csv"}, "New rows must be real numbers, found texts; convert them."),
     ],
 )
 def test_new_rows_that_do_not_fit_are_refused_with_a_sentence(change, sentence):
     values = motion()
     y = values.pop("Y")
-    data = ps.RegressionData.from_arrays(Table(v=values["v"], r=values["r"]), y)
+    data = ps.RegressionData.from_arrays(Table(v=values["v"], r=values["r"]), y, scaling="none")
     columns = {name: [1.0] for name in change.get("columns", ["v", "r"])}
     new = Table(**columns | ({"r": [change["r"]]} if "r" in change else {}))
     tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
@@ -215,7 +215,7 @@ def test_new_rows_that_do_not_fit_are_refused_with_a_sentence(change, sentence):
 
 
 def test_new_rows_that_do_not_fit_a_formula_are_refused_with_a_sentence(formulae, frame):
-    exact = ps.ConjugatePrior().exact(ps.RegressionData.from_formula(FORMULA, frame))
+    exact = ps.ConjugatePrior().exact(ps.RegressionData.from_formula(FORMULA, frame, scaling="none"))
     for new, named in (
         (frame[["v", "r"]], "delta"),
         (frame.assign(v=np.nan), "v:r"),
@@ -264,11 +264,11 @@ def test_a_chosen_prior_or_even_columns_are_not_warned_of(data, prior):
 def test_few_rows_of_even_columns_are_not_uneven():
     """In four of five single rows the norms of 28 columns differ by a factor of 30."""
     X = np.random.default_rng(2).standard_normal((200, 28))
-    data = ps.RegressionData.from_arrays(X, X[:, 0])
+    data = ps.RegressionData.from_arrays(X, X[:, 0], scaling="none")
     assert [k for k in range(200) if data.rows(np.array([k])).uneven] == []
     assert [n for n in range(1, 200) if data.rows(np.arange(n)).uneven] == []
     assert uneven(1000.0).rows(np.arange(4)).uneven.startswith("The columns must be of one size")
 
 
 def test_an_empty_column_is_not_uneven():
-    assert ps.RegressionData.from_arrays(np.eye(3)[:, :2] * [1.0, 0.0], np.ones(3)).uneven == ""
+    assert ps.RegressionData.from_arrays(np.eye(3)[:, :2] * [1.0, 0.0], np.ones(3), scaling="none").uneven == ""

@@ -37,7 +37,7 @@ def arrays(change):
 def columns_that_are_not_finite():
     X, y = plain_arrays()
     X[3, 1], X[5, 2] = np.nan, np.inf
-    RegressionData.from_arrays(X, y)
+    RegressionData.from_arrays(X, y, scaling="none")
 
 
 def columns_that_do_not_vary(idle, second):
@@ -48,11 +48,11 @@ def columns_that_do_not_vary(idle, second):
 
 def formula_of_a_gap(frame):
     frame.loc[3, "v"] = np.nan
-    ps.RegressionData.from_formula(FORMULA, frame)
+    ps.RegressionData.from_formula(FORMULA, frame, scaling="none")
 
 
 def predicted(frame, new):
-    ps.ConjugatePrior().exact(ps.RegressionData.from_formula(FORMULA, frame)).predict(new(frame))
+    ps.ConjugatePrior().exact(ps.RegressionData.from_formula(FORMULA, frame, scaling="none")).predict(new(frame))
 
 
 def predicted_by_centred_rows(frame):
@@ -108,10 +108,13 @@ test_errors_of_rows = wording(
             ({"design_matrix": np.ones((0, 2))}, r"A design matrix has shape \(rows, terms\), found \(0, 2\)"),
             ({"coefficients": ["a", "b"]}, "Each of the 4 columns has one name, found 2 names"),
             ({"coefficients": ["a", "b", "a", "c"]}, "Coefficient names must differ, found a more than once"),
-            ({"scaling": "minmax"}, "The scaling is one of none, zscore; found 'minmax'; choose one of them"),
+            ({"scaling": "minmax"}, "The scaling is one of zscore, none; found 'minmax'; choose one of them"),
             ({"time": np.ones(3)}, r"The time has one value for each of 40 rows, found shape \(3,\)"),
             ({"response": np.r_[np.nan, np.ones(39)]}, "must be finite, found NaN or infinity in the response"),
-            ({"response": np.full(40, 1e6 / 7.0)}, "The response must vary over the rows; it is constant"),
+            (
+                {"response": np.full(40, 1e6 / 7.0)},
+                "response must vary over the rows, found a constant; check it or take scaling='none'",
+            ),
         ]
     ),
     ("NaN or infinity in x2, x3; clean the trial", columns_that_are_not_finite),
@@ -128,17 +131,19 @@ test_errors_of_rows = wording(
     ),
     (
         r"^The rows need the columns v, each of them once; found Y, v, v,",
-        lambda frame: ps.RegressionData.from_arrays(frame.rename(columns={"r": "v"}), frame["Y"], ["v"]),
+        lambda frame: ps.RegressionData.from_arrays(
+            frame.rename(columns={"r": "v"}), frame["Y"], ["v"], scaling="none"
+        ),
     ),
     (
         r"^The table and the response must have one index, found two",
-        lambda frame: ps.RegressionData.from_arrays(frame[["v", "r"]], frame["Y"].iloc[::-1]),
+        lambda frame: ps.RegressionData.from_arrays(frame[["v", "r"]], frame["Y"].iloc[::-1], scaling="none"),
     ),
     *(
         (
             reason,
             lambda frame, formula=formula: ps.RegressionData.from_formula(
-                formula, frame.assign(side=["port", "starboard"] * 30)
+                formula, frame.assign(side=["port", "starboard"] * 30), scaling="none"
             ),
         )
         for formula, reason in [
@@ -168,7 +173,7 @@ test_errors_of_rows = wording(
     ),
     (
         r"^A formula needs a table, found <class 'dict'>; give a DataFrame",
-        lambda: ps.RegressionData.from_formula(FORMULA, motion()),
+        lambda: ps.RegressionData.from_formula(FORMULA, motion(), scaling="none"),
     ),
     *(
         (sentence, partial(predicted, new=new))

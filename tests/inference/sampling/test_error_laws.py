@@ -127,7 +127,7 @@ def simulated_rows(errors, parameter, seed, n_rows=200):
         np.arange(n_rows)[:, None] * 2.0 * np.pi / rng.uniform(30.0, 120.0, N_TERMS) + rng.uniform(0, 6, N_TERMS)
     )
     X = slow + 0.1 * rng.normal(size=(n_rows, N_TERMS))
-    return RegressionData.from_arrays(X, X @ TRUE + noise(errors, parameter, n_rows, rng))
+    return RegressionData.from_arrays(X, X @ TRUE + noise(errors, parameter, n_rows, rng), scaling="none")
 
 
 def fit(data, errors, prior=None, **options):
@@ -147,7 +147,7 @@ def exact_ar1(data, prior):
     for rho in grid:
         root = np.sqrt(1.0 - rho**2)
         X, y = (np.concatenate([v[:1], (v[1:] - rho * v[:-1]) / root]) for v in (data.design_matrix, data.response))
-        exact = prior.exact(RegressionData.from_arrays(X, y))
+        exact = prior.exact(RegressionData.from_arrays(X, y, scaling="none"))
         log_weight.append(exact.log_evidence - (data.n_rows - 1) * np.log(root))
         means.append(np.append(exact.mean, [exact.noise_variance_mean, rho]))
     weight = np.exp(np.array(log_weight) - max(log_weight))

@@ -34,7 +34,7 @@ def columns():
 def data_of(rng, coefficients, variance):
     X, group = columns()
     response = np.sum(X * coefficients[group], axis=1) + np.sqrt(variance[group]) * rng.standard_normal(group.size)
-    return ps.RegressionData.from_arrays(X, response, run=[f"ship {g}" for g in group])
+    return ps.RegressionData.from_arrays(X, response, run=[f"ship {g}" for g in group], scaling="none")
 
 
 @pytest.mark.consistency

@@ -69,7 +69,7 @@ def test_predictions_have_the_errors_of_the_posterior():
 def test_a_formula_is_evaluated_for_a_tree():
     pytest.importorskip("formulae", reason="installed by pymc-ship[formula]")
     frame = pytest.importorskip("pandas").DataFrame(motion())
-    data = RegressionData.from_formula("Y ~ v + v:r + I(delta**2)", frame)
+    data = RegressionData.from_formula("Y ~ v + v:r + I(delta**2)", frame, scaling="none")
     tree = exact_posterior(data, ConjugatePrior(), draws=40, rng=1)
     predicted = predict(tree, frame[["delta", "v", "r"]].iloc[:3], data=data, rng=2)
     assert predicted.identical(predict(tree, data.design_matrix[:3], rng=2))

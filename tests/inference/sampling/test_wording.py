@@ -69,7 +69,7 @@ def predictive(rows=slice(None), lacks=(), **settings):
 def predicted_by_a_formula():
     pytest.importorskip("formulae", reason="installed by pymc-ship[formula]")
     frame = pytest.importorskip("pandas").DataFrame(motion())
-    data = RegressionData.from_formula("Y ~ v + v:r + I(delta**2)", frame)
+    data = RegressionData.from_formula("Y ~ v + v:r + I(delta**2)", frame, scaling="none")
     predict(exact_posterior(data, ConjugatePrior(), draws=40, rng=1), frame, rng=2)
 
 
@@ -148,7 +148,7 @@ test_value_errors = wording(
     ),
     (
         r"^The data must be those of the posterior, of x1, .*, found x1, x2; give",
-        lambda: predicted(data=RegressionData.from_arrays(np.eye(5)[:, :2], np.ones(5))),
+        lambda: predicted(data=RegressionData.from_arrays(np.eye(5)[:, :2], np.ones(5), scaling="none")),
     ),
     ("tune=0", lambda: sampled_by_nuts(tune=0)),
     ("tune=0", lambda container: trajectory_nuts_posterior(trial(1), container, tune=0, rng=np.random.default_rng(1))),

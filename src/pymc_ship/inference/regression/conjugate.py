@@ -20,7 +20,7 @@ from pymc_ship.inference.regression.priors import (
     RotatedPosterior,
     log_inverse_gamma,
     rotate,
-    warn_of_uneven_columns,
+    warn_of_units,
 )
 from pymc_ship.inference.rows.data import RegressionData
 
@@ -70,7 +70,7 @@ class ConjugatePrior(Prior):
         >>> print(f"{vessel.coefficients('yaw')[-1]:.5f}")
         -0.00114
         """
-        warn_of_uneven_columns(data, self)
+        warn_of_units(data, self)
         rotation, unit = rotate(data, self), data.response_scale
         s, z = rotation.singular_values, unit * rotation.projection
         spread = 1.0 / (1.0 + s**2)

@@ -23,7 +23,7 @@ class Score:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Rows to fit and rows to predict, by fold, under the scaling of the whole data, decomposed once."""
+    """Rows to fit, scaled by themselves and decomposed once, and rows to predict, by fold."""
 
     training: tuple[RegressionData, ...]
     held_out: tuple[RegressionData, ...]
@@ -71,9 +71,15 @@ def fold_rows(
 def cross_validation(
     data: RegressionData, folds: int = 5, *, split: str = "blocks", rng: np.random.Generator | None = None
 ) -> CrossValidation:
-    """Split the rows into folds as :func:`fold_rows`, and decompose the training rows of each, to score any priors."""
-    held_out = fold_rows(data.n_rows, folds, split=split, rng=rng)
-    training = tuple(data.rows(np.setdiff1d(np.arange(data.n_rows), rows)) for rows in held_out)
+    """Split the rows into folds as :func:`fold_rows`, and decompose the training rows of each, to score any priors.
+
+    Blocks are of rows in order of time, run after run. The training rows of a fold are scaled by themselves: no value
+    of the rows held out reaches the fit. InferenceError also if a response does not vary over training rows.
+    """
+    labels = list(dict.fromkeys(data.run.tolist()))
+    order = np.lexsort((data.time, [labels.index(run) for run in data.run.tolist()]))
+    held_out = [np.sort(order[rows]) for rows in fold_rows(data.n_rows, folds, split=split, rng=rng)]
+    training = tuple(data.rescaled_rows(np.setdiff1d(order, rows)) for rows in held_out)
     for rows in training:
         _ = rows.svd
     return CrossValidation(training, tuple(data.rows(rows) for rows in held_out))

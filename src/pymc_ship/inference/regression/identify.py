@@ -96,6 +96,11 @@ def identify(
     TrialError, InferenceError, ValueError
         For an unusable trial, an unknown family or selection, or Bayesian optimisation without ``rng``.
 
+    Warns
+    -----
+    BoundWarning
+        If a search ends at a bound; ``edges`` of the result names the hyperparameters.
+
     Examples
     --------
     >>> import numpy as np

@@ -17,15 +17,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.data import FEWEST_ROWS, UNEVEN, RegressionData
 from pymc_ship.inference.rows.frames import Formula, new_design
-from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.arguments import real_array, short_repr
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
 _SMALLEST_GAMMA = 1e-200  # keeps draws of the noise variance finite for shapes near 0
+_FAR = 10.0  # prior standard deviations of a fitted response
 _MOST_ROWS = 8  # coefficients in the text of a posterior
 
 
@@ -270,7 +271,7 @@ class RotatedPosterior(ExactPosterior):
     ) -> float | np.ndarray:
         """Log predictive density of new rows; InferenceError for wrong shapes or values that are not finite."""
         rotated, middle = self._rotate_rows(design_matrix)
-        y = np.asarray(response, dtype=float)
+        y = real_array("The response", response, InferenceError)
         if y.shape != middle.shape or not np.isfinite(y).all():
             raise InferenceError(f"The response has one finite value for each of {len(middle)} rows; check it.")
         return (self._log_each if pointwise else self._log_joint)(rotated, y - middle)
@@ -309,10 +310,29 @@ def check_prior(prior: object, *, own: str = "") -> None:
         )
 
 
-def warn_of_uneven_columns(data: RegressionData, prior: Prior) -> None:
-    """Warn of columns of very different size under the default kappa."""
-    if np.ndim(prior.kappa) == 0 and prior.kappa == type(prior).kappa and data.uneven:
-        warnings.warn(data.uneven, UserWarning, stacklevel=3)
+def warn_of_units(data: RegressionData, prior: Prior) -> None:
+    """Warn if a default prior does not suit the units of columns or response that are not scaled."""
+    own_kappa = np.ndim(prior.kappa) > 0 or prior.kappa != type(prior).kappa
+    text = "" if own_kappa else data.uneven
+    if not (text or data.is_scaled) and data.n_rows >= FEWEST_ROWS:
+        columns = float(np.sum(data.design_matrix**2)) / data.n_rows
+        response = float(np.sqrt(np.mean(data.response**2)))
+        faults = {
+            "a response too large for it": not own_kappa
+            and prior.noise_power == 0
+            and response > _FAR * math.sqrt(prior.kappa * columns),
+            "a response too small for it": prior.scale == type(prior).scale and 0.0 < response < 1.0 / UNEVEN,
+            "columns too small for it": not own_kappa and prior.noise_power > 0 and prior.kappa * columns < 1.0,
+        }
+        found = " and ".join(fault for fault, present in faults.items() if present)
+        if found:
+            text = (
+                f"The default prior must suit the units of the data, found {found} (root mean square {response:.2g} of "
+                f"the response, {math.sqrt(columns):.2g} of a row of columns); take scaling='zscore', or kappa and "
+                "scale in these units."
+            )
+    if text:
+        warnings.warn(text, UserWarning, stacklevel=3)
 
 
 def _numbers(name: str, value: object) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -19,6 +20,10 @@ from pymc_ship.machine.seeds import Seed, random_generator
 
 _STARTS = 12  # points of the Latin hypercube
 _RESOLUTION = 0.1  # nat, where the loss of the search turns from linear to logarithmic
+
+
+class BoundWarning(UserWarning):
+    """The search of a prior ended at a bound of its box."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -90,7 +95,7 @@ def tune_prior(
     evaluations : int, optional
         Points evaluated, at least 6.
     folds, split : optional
-        As :func:`~pymc_ship.inference.regression.cross_validation.fold_rows`.
+        As :func:`~pymc_ship.inference.regression.cross_validation.cross_validation`.
     box : dict of str to (float, float), optional
         Bounds of ``shape``, ``noise_variance`` (scale / shape) and ``kappa``; the ``box`` of the family by default.
     rng : int, SeedSequence or Generator
@@ -99,6 +104,11 @@ def tune_prior(
     ------
     InferenceError
         For an unknown family, impossible folds, fewer than 6 evaluations, or a box as :func:`maximise_evidence`.
+
+    Warns
+    -----
+    BoundWarning
+        If the prior lies at a bound of the box.
 
     References
     ----------
@@ -110,7 +120,7 @@ def tune_prior(
     if evaluations < 6:
         raise InferenceError(f"The search evaluates at least 6 points, found {evaluations}; raise evaluations.")
     validation = cross_validation(data, folds, split=split, rng=rng)
-    evidence_prior, log_evidence = maximise_evidence(data, family, box=box)
+    evidence_prior, log_evidence = _evidence_maximum(data, prior_type, bounds)
     evidence_score = validation.score(evidence_prior).mean
 
     def loss(point: np.ndarray) -> float:
@@ -122,6 +132,7 @@ def tune_prior(
     candidates = [(evaluated, evaluated_score), (surrogate, surrogate_score)]
     best, score = max(candidates, key=lambda candidate: candidate[1].mean)
     priors = [_prior(prior_type, point) for point in points]
+    _warn_of_search(best, box, data)
     return TunedPrior(
         prior=best,
         score=score.mean,
@@ -148,7 +159,7 @@ def maximise_evidence(
     ----------
     data : RegressionData
     family, box : optional
-        As :func:`tune_prior`; :func:`on_edge` names the hyperparameters on a bound.
+        As :func:`tune_prior`.
 
     Returns
     -------
@@ -160,6 +171,11 @@ def maximise_evidence(
     ------
     InferenceError
         For an unknown family, or a box with other names or with bounds not positive and increasing.
+
+    Warns
+    -----
+    BoundWarning
+        If the prior lies at a bound of the box.
 
     Examples
     --------
@@ -174,7 +190,13 @@ def maximise_evidence(
     1360 > 1255
     """
     prior_type = prior_family(family)
-    bounds = _log_bounds(prior_type, box)
+    prior, log_evidence = _evidence_maximum(data, prior_type, _log_bounds(prior_type, box))
+    _warn_of_search(prior, box, data)
+    return prior, log_evidence
+
+
+def _evidence_maximum(data: RegressionData, prior_type: type[Prior], bounds: np.ndarray) -> tuple[Prior, float]:
+    """Prior of maximum evidence within log bounds, and its log evidence."""
     low, width = bounds[:, 0], np.ptp(bounds, axis=1)
 
     def loss(fraction: np.ndarray) -> float:
@@ -191,9 +213,25 @@ def maximise_evidence(
 def on_edge(prior: Prior, box: Mapping[str, tuple[float, float]] | None = None) -> tuple[str, ...]:
     """Names of the hyperparameters that lie on a bound of a box, the family's own by default."""
     box = prior.box if box is None else box
-    values = {"shape": prior.shape, "noise_variance": prior.scale / prior.shape, "kappa": prior.kappa}
-    near = (name for name, bounds in box.items() if np.isclose(np.log(values[name]), np.log(bounds), atol=1e-3).any())
-    return tuple(near)
+    values = {name: getattr(prior, name, None) for name in box} | {"noise_variance": prior.scale / prior.shape}
+    numbers = {name: values[name] for name in box if isinstance(values[name], float)}
+    return tuple(
+        name for name, value in numbers.items() if np.isclose(math.log(value), np.log(box[name]), atol=1e-3).any()
+    )
+
+
+def bound_text(what: str, names: Iterable[str]) -> str:
+    """Sentence on a prior with hyperparameters on a bound of the box; ``what`` is its subject."""
+    return f"{what} lies at a bound of {' and '.join(names)}: the bound, not the data, ended the search"
+
+
+def _warn_of_search(prior: Prior, box: Mapping[str, tuple[float, float]] | None, data: RegressionData) -> None:
+    """Warn of a prior on a bound of its box, and of one kappa for columns of very different size."""
+    if data.uneven:
+        warnings.warn(data.uneven, UserWarning, stacklevel=3)
+    if names := on_edge(prior, box):
+        text = bound_text(f"The {prior.family} prior{f' of the {data.dof}' * bool(data.dof)}", names)
+        warnings.warn(f"{text}; check terms and units, or give a wider box.", BoundWarning, stacklevel=3)
 
 
 def _search(

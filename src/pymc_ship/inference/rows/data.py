@@ -11,17 +11,21 @@ from typing import Any
 import numpy as np
 
 from pymc_ship.inference.rows.frames import Formula, check_same_rows, formula_rows, frame_columns, frame_names, is_frame
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, real_array
 from pymc_ship.machine.errors import InferenceError
 
-SCALINGS = ("none", "zscore")
-"""How columns and response are scaled: not at all, or to zero mean and unit standard deviation."""
+SCALINGS = ("zscore", "none")
+"""How columns and response are scaled: to zero mean and unit standard deviation, or not at all."""
+
+ROUNDING = 1e-10
+"""Range over largest magnitude below which values are constant but for rounding; sixteen eps of coarser floats."""
 
 UNEVEN = 30.0
 """Largest over smallest column norm above which an unscaled design is called uneven: a lower bound of the condition
 number, with the limit of Belsley, Kuh & Welsch (1980), Regression Diagnostics, doi:10.1002/0471725153, ch. 3."""
 
-_FEWEST_ROWS = 4  # rows that the norms of columns are compared over, at least
+FEWEST_ROWS = 4
+"""Rows that sizes of columns and response are judged over, at least."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,7 +68,7 @@ class RegressionData:
 
     @classmethod
     def from_formula(
-        cls, formula: str, frame: Any, *, scaling: str = "none", time: np.ndarray | None = None, **labels: str
+        cls, formula: str, frame: Any, *, scaling: str = "zscore", time: np.ndarray | None = None, **labels: str
     ) -> RegressionData:
         """Regression data from a formula of Bambi (doi:10.18637/jss.v103.i15) and a table of its variables.
 
@@ -95,7 +99,7 @@ class RegressionData:
         response: np.ndarray,
         coefficients: Sequence[str] | None = None,
         *,
-        scaling: str = "none",
+        scaling: str = "zscore",
         time: np.ndarray | None = None,
         run: Sequence[str] | np.ndarray | None = None,
         **labels: str,
@@ -108,8 +112,9 @@ class RegressionData:
         response : array_like, shape (n_rows,)
         coefficients : sequence of str, optional
             Names of the columns, ``x1``, ``x2``, ... by default; for a DataFrame the columns to use, all by default.
-        scaling : {"none", "zscore"}, optional
-            "zscore": priors are of columns and response of unit mean square, centred if one column is constant.
+        scaling : {"zscore", "none"}, optional
+            "zscore": priors are of columns and response of unit mean square, centred if one column is constant, so
+            that units do not matter; "none": priors are in the units given.
         time, run : array_like of float and of str, shape (n_rows,), optional
             Coordinate [s] and run of each row.
         **labels : str
@@ -118,47 +123,49 @@ class RegressionData:
         Raises
         ------
         InferenceError
-            For wrong shapes, values that are not finite, missing or repeated names, columns without variation, or a
-            table and a response of different index.
+            For wrong shapes, values masked, missing, complex or not finite, missing or repeated names, z-scored
+            columns or response without variation, or a table and a response of different index.
         """
+        rounding = _rounding(design_matrix.to_numpy() if is_frame(design_matrix) else design_matrix)
         if is_frame(design_matrix):
             check_same_rows(design_matrix, response)
             coefficients = frame_names(design_matrix) if coefficients is None else tuple(coefficients)
             design_matrix = frame_columns(design_matrix, coefficients, "The rows")
-        X = np.array(design_matrix, dtype=float, order="C")
-        y = np.array(response, dtype=float)
+        X = real_array("The design matrix", design_matrix, InferenceError)
+        y = real_array("The response", response, InferenceError)
         if X.ndim != 2 or X.size == 0:
             raise InferenceError(f"A design matrix has shape (rows, terms), found {X.shape}; reshape it.")
         names = tuple(coefficients) if coefficients is not None else tuple(f"x{j + 1}" for j in range(X.shape[1]))
-        times = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
+        times = np.arange(len(y), dtype=float) if time is None else real_array("The time", time, InferenceError)
         runs = np.full(len(y), "1") if run is None else np.array(run, dtype=str)
         _check(X, y, names, times, runs)
-        varies = np.ptp(X, axis=0) > 1e-14 * np.abs(X).max(axis=0)
+        varies = np.ptp(X, axis=0) > rounding * np.abs(X).max(axis=0)
         constants = np.flatnonzero(~varies & (X[0] != 0.0))
         constant = int(constants[0]) if constants.size else -1
         values: dict[str, Any] = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names)), **labels}
         values |= {"response_center": 0.0, "response_scale": 1.0, "constant": constant, "time": times, "run": runs}
         data = cls(X, y, names, **values)
         check_choice("The scaling", scaling, SCALINGS, InferenceError)
-        return data if scaling == "none" else data._zscore(varies)
+        if scaling == "none":
+            return data
+        if np.ptp(y) <= _rounding(response) * np.abs(y).max():
+            raise InferenceError(
+                "A z-scored response must vary over the rows, found a constant; check it or take scaling='none'."
+            )
+        return data._zscore(varies)
 
     def _zscore(self, varies: np.ndarray) -> RegressionData:
         idle = [name for j, name in enumerate(self.coefficients) if not varies[j] and j != self.constant]
         if idle:
             raise InferenceError(
-                f"A z-scored column must vary over the rows; {', '.join(idle)} did not: leave the terms out or use a "
-                "trial that excites them."
+                f"A z-scored column must vary over the rows; {', '.join(idle)} did not: leave the terms out or use "
+                "rows that excite them."
             )
-        center = self.design_matrix.mean(axis=0) if self.constant >= 0 else np.zeros(self.n_terms)
-        middle = float(self.response.mean()) if self.constant >= 0 else 0.0
-        scale = np.sqrt(np.mean((self.design_matrix - center) ** 2, axis=0))
+        center, scale = _center_and_size(self.design_matrix, self.constant >= 0)
         if self.constant >= 0:
-            center[self.constant] = 0.0
-            scale[self.constant] = abs(self.design_matrix[0, self.constant])
-        spread = float(np.sqrt(np.mean((self.response - middle) ** 2)))
-        if spread <= 1e-14 * np.abs(self.response).max():
-            raise InferenceError("The response must vary over the rows; it is constant: check the trial.")
-        return replace(self, column_center=center, column_scale=scale, response_center=middle, response_scale=spread)
+            center[self.constant], scale[self.constant] = 0.0, abs(self.constant_level)
+        middle, size = map(float, _center_and_size(self.response, self.constant >= 0))
+        return replace(self, column_center=center, column_scale=scale, response_center=middle, response_scale=size)
 
     def __repr__(self) -> str:
         """Size, origin, names, scaling, and a remark on uneven columns."""
@@ -202,12 +209,47 @@ class RegressionData:
         names = ("design_matrix", "response", "time", "run")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the prior is of scaled columns or a scaled response."""
+        return self.response_scale != 1.0 or bool((self.column_scale != 1.0).any())
+
+    def rescaled_rows(self, index: np.ndarray) -> RegressionData:
+        """Data of the given rows, scaled by these rows alone if the whole is scaled.
+
+        A column that does not vary over the rows keeps its scale. InferenceError if the response does not vary.
+        """
+        part, centred = self.rows(index), self.constant >= 0
+        if not self.is_scaled:
+            return part
+        scales, centers = [], []
+        for name, scale in (("design_matrix", self.column_scale), ("response", self.response_scale)):
+            values = getattr(part, name)
+            center, size = _center_and_size(values, centred)
+            varies = size > ROUNDING * np.abs(values).max(axis=0)
+            whole = _center_and_size(getattr(self, name), centred)[1]
+            scales.append(scale * np.divide(size, whole, out=np.ones_like(whole), where=varies))
+            centers.append(center)
+        if not varies:
+            raise InferenceError(
+                "The response must vary over the rows of a fit, found a constant in some; take fewer folds."
+            )
+        if centred:
+            centers[0][self.constant] = 0.0
+        return replace(
+            part,
+            column_center=centers[0],
+            column_scale=scales[0],
+            response_center=float(centers[1]),
+            response_scale=float(scales[1]),
+        )
+
     @cached_property
     def uneven(self) -> str:
         """Warning about columns of very different size under one prior variance; else empty."""
         size = np.sqrt(np.sum(self.scaled_design_matrix**2, axis=0) / self.n_rows)
         small, large = min(size[size > 0.0], default=0.0), size.max()
-        if large <= UNEVEN * small or self.n_rows < _FEWEST_ROWS:
+        if large <= UNEVEN * small or self.n_rows < FEWEST_ROWS:
             return ""
         names = [self.coefficients[list(size).index(value)] for value in (small, large)]
         return (
@@ -269,6 +311,19 @@ class RegressionData:
         offset, T = self.transformation
         shifted = np.asarray(original, dtype=float) - offset
         return np.linalg.solve(T, shifted.reshape(-1, self.n_terms).T).T.reshape(shifted.shape)
+
+
+def _center_and_size(values: np.ndarray, centred: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of each column, or 0, and root mean square about it."""
+    center = values.mean(axis=0) if centred else np.zeros(values.shape[1:])
+    return center, np.sqrt(np.mean((values - center) ** 2, axis=0))
+
+
+def _rounding(values: Any) -> float:
+    """Relative range of values that are constant but for rounding, by their type."""
+    dtype = getattr(values, "dtype", None)
+    is_float = isinstance(dtype, np.dtype) and dtype.kind == "f"
+    return max(ROUNDING, 16.0 * float(np.finfo(dtype).eps)) if is_float else ROUNDING
 
 
 def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...], time: np.ndarray, run: np.ndarray) -> None:

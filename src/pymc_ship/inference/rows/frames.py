@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.arguments import real_array, short_repr
 from pymc_ship.machine.errors import InferenceError
 
 _FRAMES = 2
@@ -45,8 +45,7 @@ def frame_columns(frame: Any, names: Sequence[str], what: str) -> np.ndarray:
     """Columns of a table by name, shape (n_rows, n_names); InferenceError if missing, repeated or not numeric."""
     check_names(frame, names, what)
     available, values = frame_names(frame), frame.to_numpy()
-    fault = f"{what} need numbers, found none in the column {{}}; convert it."
-    columns = [_numbers(values[:, available.index(name)], fault.format(name)) for name in names]
+    columns = [real_array(f"The column {name}", values[:, available.index(name)], InferenceError) for name in names]
     return np.column_stack(columns) if columns else np.empty((len(values), 0))
 
 
@@ -59,13 +58,6 @@ def check_names(frame: Any, names: Sequence[str], what: str) -> None:
             f"{what} need the columns {_name_list(names)}, each of them once; found {_name_list(available)}; add or "
             f"rename {_name_list(wrong)}."
         )
-
-
-def _numbers(values: Any, fault: str) -> np.ndarray:
-    try:
-        return np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InferenceError(fault) from None
 
 
 def _name_list(names: Sequence[str]) -> str:
@@ -87,7 +79,7 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
     InferenceError for another shape, missing or repeated columns, values that are not finite.
     """
     if not is_frame(new_rows):
-        X = _numbers(new_rows, f"New rows are numbers, found {short_repr(new_rows)}; convert them.")
+        X = real_array("New rows", new_rows, InferenceError)
     elif formula is None:
         X = frame_columns(new_rows, coefficients, "New rows")
     else:
@@ -131,9 +123,10 @@ class Formula:
 
     def _evaluate(self, frame: Any) -> np.ndarray:
         try:
-            return np.asarray(self.terms.evaluate_new_data(frame).design_matrix, dtype=float)
+            design = np.asarray(self.terms.evaluate_new_data(frame).design_matrix)
         except Exception as error:  # a formula may call anything
             raise InferenceError(_sentence(self.text, "the new rows", error)) from None
+        return real_array("The terms of the formula", design, InferenceError)
 
     def __deepcopy__(self, memo: dict) -> Formula:
         return self
@@ -224,11 +217,11 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
     terms, named = matrices.common, matrices.common.as_dataframe()
     terms.data = terms.env = None
     variables = tuple(name for name in frame_names(frame) if name in _variables(terms.terms.values()))
-    columns = np.asarray(named, dtype=float)
+    columns = real_array("The terms of the formula", named.to_numpy(), InferenceError)
     few = np.unique(np.linspace(0, len(columns) - 1, min(_SAMPLE_ROWS, (len(columns) + 1) // 2)).round().astype(int))
     sample = frame[list(variables)].iloc[few].copy(), columns[few]
     parsed = Formula(formula, frame_names(named), variables, terms, scope, sample)
-    return columns, np.asarray(matrices.response.design_matrix, dtype=float), parsed
+    return columns, np.asarray(matrices.response.design_matrix), parsed
 
 
 def _variables(terms: Iterable[Any]) -> set[str]:

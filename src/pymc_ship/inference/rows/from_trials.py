@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.data import ROUNDING, RegressionData
 from pymc_ship.inference.rows.weak_form import radius_samples, row_stride, weak_form
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import InferenceError
@@ -85,7 +85,8 @@ def regression_data(
     rows_of = _weak_rows if derivative in WEAK else _difference_rows
     parts = []
     for one in trials.values():
-        if np.ptp(motion_record(one, vessel)["delta"]) == 0.0:
+        delta = motion_record(one, vessel)["delta"]
+        if np.ptp(delta) <= ROUNDING * np.abs(delta).max():
             raise InferenceError("The rudder of a trial must move, found a constant angle; use one that steers.")
         parts.append(rows_of(one, vessel, dof, _stride(sampling_interval(one), interval), derivative))
     design_matrix, response, time = (np.concatenate(values) for values in zip(*parts, strict=True))

@@ -101,7 +101,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     if data is not None:
         _check_fitted(tree, data)
     design_matrix = new_design(new_rows, names, None if data is None else data.formula)
-    rows = RegressionData.from_arrays(design_matrix, np.zeros(len(design_matrix)), names)
+    rows = RegressionData.from_arrays(design_matrix, np.zeros(len(design_matrix)), names, scaling="none")
     predicted = predictive(rows, posterior, rng=rng, errors=errors_of(tree))
     expected = predicted["response"].copy(data=posterior["coefficients"].to_numpy() @ design_matrix.T)
     sample = ("chain", "draw")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeIs
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import Prior, check_prior, warn_of_uneven_columns
+from pymc_ship.inference.regression.priors import Prior, check_prior, warn_of_units
 from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, with_errors
@@ -85,7 +85,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     from pymc_ship.inference.sampling.whitened_model import linear_coordinates
 
     if not _is_own(prior):
-        warn_of_uneven_columns(data, prior)
+        warn_of_units(data, prior)
     if not callable(errors):
         error_law(errors, data)
     offset, transformation = data.transformation
@@ -211,7 +211,7 @@ def nuts_posterior(
     if sampler == "nutpie" and errors == "normal":
         from pymc_ship.inference.sampling import whitened_model
 
-        warn_of_uneven_columns(data, prior)
+        warn_of_units(data, prior)
         model = whitened_model.compiled_model(data.n_terms).with_data(**whitened_model.statistics(data, prior))
     else:
         model = pymc_model(data, prior, errors)

@@ -29,7 +29,7 @@ _PLUG_IN_STEPS = 10
 @lru_cache(maxsize=16)
 def compiled_model(n_terms: int) -> Any:
     """Compiled whitened model with placeholder data; ``with_data`` sets :func:`statistics`."""
-    placeholder = RegressionData.from_arrays(np.eye(n_terms), np.ones(n_terms))
+    placeholder = RegressionData.from_arrays(np.eye(n_terms), np.ones(n_terms), scaling="none")
     return nutpie.compile_pymc_model(whitened_model(placeholder, ConjugatePrior()))
 
 

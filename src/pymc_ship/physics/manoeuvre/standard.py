@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pymc_ship.machine.arguments import check_choice, short_repr
+from pymc_ship.machine.arguments import check_choice, real_array, short_repr
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.kinds import SIDES, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, kind_named
@@ -252,7 +252,8 @@ def rudder_programme(
     >>> print(np.rad2deg(trial["delta"].sel(time=[50, 52, 90]).values).round(1))
     [ 0.   3.5 10. ]
     """
-    time, delta = np.array(time, dtype=float), np.array(delta, dtype=float)
+    time = real_array("The time of a programme", time, SimulationError)
+    delta = real_array("The rudder angle of a programme", delta, SimulationError)
     _check("port", approach_speed)
     if time.ndim != 1 or time.shape != delta.shape or not time.size:
         shapes = f"{time.shape} and {delta.shape}"

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, real_array
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
@@ -191,7 +191,7 @@ def simulate(
     vessel, manoeuvre = as_vessel(vessel), one_manoeuvre(manoeuvre)
     n_steps, stride = _grid(duration, step, record_interval, method)
     reference = reference_coefficients(vessel)
-    draws = reference[None] if coefficients is None else np.asarray(coefficients, dtype=float)
+    draws = reference[None] if coefficients is None else real_array("Coefficients", coefficients, SimulationError)
     if draws.ndim != 2 or draws.shape[1] != reference.size or not draws.size:
         raise SimulationError(f"Coefficients have shape (draws, {reference.size}), found {draws.shape}; reorder them.")
     time = np.arange(0, n_steps, stride) * step

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, real_array
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.records.denoising.ebayes import RULES
 from pymc_ship.records.denoising.shrinkage import shrinkage
@@ -190,7 +190,7 @@ def _check_method(method: str, function: Callable[..., object], settings: dict[s
     """Raise ValueError for an unknown method, and for wavelet settings of a smoother."""
     check_choice("The method", method, METHODS)
     defaults = {name: argument.default for name, argument in signature(function).parameters.items()}
-    changed = [name for name, value in settings.items() if value != defaults.get(name)]
+    changed = [name for name, value in settings.items() if np.any(np.asarray(value != defaults.get(name)))]
     if method in SMOOTHERS and changed:
         raise ValueError(
             f"The method {method} chooses its {SMOOTHERS[method].parameter} itself, found {', '.join(changed)} of the "
@@ -200,7 +200,7 @@ def _check_method(method: str, function: Callable[..., object], settings: dict[s
 
 def finite_signal(y: ArrayLike, what: str) -> np.ndarray:
     """Signal as an array, checked for length and finite values."""
-    signal = np.asarray(y, dtype=float)
+    signal = real_array(f"The {what}", y)
     if signal.ndim != 1 or signal.size < MIN_LENGTH:
         raise ValueError(
             f"Denoising needs at least {MIN_LENGTH} samples over time alone, found shape {signal.shape} in {what}; "

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, real_array
 
 DERIVATIVES = ("euler", "central", "savgol")
 
@@ -22,7 +22,7 @@ def derivative(
     (Savitzky & Golay, Anal. Chem. 36:1627, 1964). ValueError for an unknown method, a number out of range, a
     signal not finite or too short.
     """
-    signal = np.asarray(values, dtype=float)
+    signal = real_array("The signal of a derivative", values)
     check_choice("The method", method, DERIVATIVES)
     if not (0.0 < step < math.inf and 0.0 < window < math.inf and order >= 1):
         raise ValueError(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, finite_number, real_array
 from pymc_ship.records.denoising.spike_and_slab import (
     beta_value,
     draw_value,
@@ -88,12 +88,12 @@ def ebayes_threshold(
         sdev = mad(values)
         if sdev == 0.0:
             return EbayesEstimate(values.copy(), 1.0, math.nan if scale is None else _code(prior, scale), 0.0, 0.0, 0.0)
-    _check_positive("noise standard deviation", sdev)
+    sdev = _positive_number("noise standard deviation", sdev)
     standard = values / sdev
     weight, fitted, log_likelihood = fit_prior(standard, prior, scale, universal_bound=universal_bound)
     limit = sdev * threshold_from_weight(weight, prior, fitted, threshold)
     estimate = sdev * shrink(standard, weight, prior, fitted, rule, threshold=threshold)
-    return EbayesEstimate(estimate, weight, fitted, float(sdev), limit, log_likelihood)
+    return EbayesEstimate(estimate, weight, fitted, sdev, limit, log_likelihood)
 
 
 def mad(x: ArrayLike) -> float:
@@ -111,9 +111,9 @@ def fit_prior(
     if prior == "cauchy":
         return fit_cauchy(size, bound)
     if scale is not None:
-        _check_positive("scale", scale)
-        weight, log_likelihood, _ = profile(size, float(scale), bound, 0.5, np.empty((3, size.size)))
-        return weight, float(scale), log_likelihood
+        scale = _positive_number("scale", scale)
+        weight, log_likelihood, _ = profile(size, scale, bound, 0.5, np.empty((3, size.size)))
+        return weight, scale, log_likelihood
     return fit_laplace(size, bound)
 
 
@@ -133,7 +133,7 @@ def shrink(
     if rule == "mean":
         return posterior_mean(x, weight, prior, scale)
     limit = threshold_from_weight(weight, prior, scale, threshold)
-    values = np.asarray(x, dtype=float)
+    values = real_array("The observations", x)
     size = np.abs(values)
     return np.where(size > limit, values, 0.0) if rule == "hard" else np.sign(values) * np.maximum(size - limit, 0.0)
 
@@ -187,11 +187,17 @@ def threshold_from_weight(
 
 
 def _observations(x: ArrayLike) -> np.ndarray:
-    values = np.asarray(x, dtype=float)
+    values = real_array("The observations", x)
     if values.size == 0 or not np.isfinite(values).all():
         fault = "none" if values.size == 0 else f"{np.count_nonzero(~np.isfinite(values))} that are not"
         raise ValueError(f"Thresholding needs finite observations, found {fault}; leave out or fill the gaps first.")
     return values
+
+
+def _positive_number(what: str, value: Any) -> float:
+    number = finite_number(f"The {what}", value)
+    _check_positive(what, number)
+    return number
 
 
 def _check_positive(what: str, value: Any) -> None:
