@@ -77,7 +77,7 @@ def cross_validation(
     of the rows held out reaches the fit. InferenceError also if a response does not vary over training rows.
     """
     labels = list(dict.fromkeys(data.run.tolist()))
-    order = np.lexsort((data.time, [labels.index(run) for run in data.run.tolist()]))
+    order = np.lexsort((data.time, np.array([labels.index(run) for run in data.run.tolist()])))
     held_out = [np.sort(order[rows]) for rows in fold_rows(data.n_rows, folds, split=split, rng=rng)]
     training = tuple(data.rescaled_rows(np.setdiff1d(order, rows)) for rows in held_out)
     for rows in training:

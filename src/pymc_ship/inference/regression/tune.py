@@ -214,9 +214,10 @@ def on_edge(prior: Prior, box: Mapping[str, tuple[float, float]] | None = None) 
     """Names of the hyperparameters that lie on a bound of a box, the family's own by default."""
     box = prior.box if box is None else box
     values = {name: getattr(prior, name, None) for name in box} | {"noise_variance": prior.scale / prior.shape}
-    numbers = {name: values[name] for name in box if isinstance(values[name], float)}
     return tuple(
-        name for name, value in numbers.items() if np.isclose(math.log(value), np.log(box[name]), atol=1e-3).any()
+        name
+        for name, value in values.items()
+        if name in box and isinstance(value, float) and np.isclose(math.log(value), np.log(box[name]), atol=1e-3).any()
     )
 
 
