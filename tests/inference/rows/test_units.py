@@ -8,6 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.inference.regression.families import FAMILIES
 from tests.inference.rows.frames import Table
+from tests.sentences import refused
 
 FACTORS = [1e-6, 1e-3, 1e3, 1e6]
 families = pytest.mark.parametrize("family", FAMILIES)
@@ -78,14 +79,15 @@ def test_without_scaling_a_posterior_that_does_not_follow_is_warned_of(family, u
 
 @families
 def test_each_fault_of_the_units_is_named(family):
-    small = r"found a response too small for it \(root mean square 5.3e-06 of the response"
-    with pytest.warns(UserWarning, match=small):
+    with pytest.warns() as caught:
         FAMILIES[family]().exact(rows(response=1e-6, scaling="none"))
+    assert "a response too small for it (root mean square 5.3e-06 of the response" in str(caught[0].message)
     X = 1e-3 * np.random.default_rng(1).normal(size=(80, 2))
     y = X @ [2000.0, 1000.0]
     found = {"conjugate": "columns too small", "semiconjugate": "a response too large"}[family]
-    with pytest.warns(UserWarning, match=f"found {found} for it .* take scaling='zscore', or kappa and scale in these"):
+    with pytest.warns() as caught:
         FAMILIES[family]().exact(ps.RegressionData.from_arrays(X, y, scaling="none"))
+    assert f"found {found} for it" in str(caught[0].message)
 
 
 def test_a_prior_in_the_units_of_the_data_is_not_warned_of():
@@ -111,9 +113,9 @@ def test_a_column_that_rounding_varies_is_constant(dtype):
     data = ps.RegressionData.from_arrays(columns, 1.0 + 2.0 * x)
     assert data.constant == 0
     assert data.column_center[1] != 0.0
-    with pytest.raises(ps.InferenceError, match="must vary over the rows; x2 did not"):
+    with refused(ps.InferenceError, "x2"):
         ps.RegressionData.from_arrays(np.column_stack([np.ones(80), rounded(0.7, dtype), x]).astype(dtype), x)
-    with pytest.raises(ps.InferenceError, match="response must vary"):
+    with refused(ps.InferenceError, "response"):
         ps.RegressionData.from_arrays(x[:, None], rounded(0.7, dtype))
 
 
@@ -128,7 +130,7 @@ def test_seconds_since_1970_vary():
 def test_a_rudder_that_rounding_moves_is_refused(container):
     still = ps.simulate(container, ps.rudder_programme([0.0], [0.1]), duration=60.0)
     still["delta"][:] = np.nextafter(0.1, np.where(np.arange(still.sizes["time"]) % 2, 1.0, 0.0))
-    with pytest.raises(ps.InferenceError, match="The rudder of a trial must move"):
+    with refused(ps.InferenceError, "rudder"):
         ps.regression_data(still, container, "sway", interval=1.0)
 
 
@@ -153,20 +155,20 @@ def test_masked_missing_and_complex_values_are_refused_at_every_entry():
         "The response ": lambda bad: exact.log_predictive_density(X, bad(y)),
     }
     for what, entry in entries.items():
-        for bad, found in ((gap, r"\d masked"), (lambda values: values + 1.0j, "complex values")):
-            with pytest.raises(ps.InferenceError, match=rf"{what.strip()} must be real numbers, found {found}"):
+        for bad, found in ((gap, "masked"), (lambda values: values + 1.0j, "complex")):
+            with refused(ps.InferenceError, *what.split(), found):
                 entry(bad)
 
 
 def test_missing_integers_of_pandas_are_named():
     pd = pytest.importorskip("pandas")
     table = pd.DataFrame({"v": pd.array([1, None, 3, 4], dtype="Int64"), "r": [0.1, 0.4, 0.2, 0.9]})
-    with pytest.raises(ps.InferenceError, match="The column v must be real numbers, found 1 missing; fill the gaps"):
+    with refused(ps.InferenceError, "v", 1.0, "missing"):
         ps.RegressionData.from_arrays(table[["v", "r"]], [1.0, 2.0, 3.0, 4.0])
     whole = table.assign(v=pd.array([1, 2, 3, 5], dtype="Int64"))
     assert ps.RegressionData.from_arrays(whole, [1.0, 2.0, 3.0, 4.0]).design_matrix[3, 0] == 5.0
 
 
 def test_a_stand_in_with_a_missing_value_is_refused():
-    with pytest.raises(ps.InferenceError, match="The column v must be real numbers, found 1 missing"):
+    with refused(ps.InferenceError, "v", 1.0, "missing"):
         ps.RegressionData.from_arrays(Table(v=[1.0, None, 2.0]), [1.0, 2.0, 3.0])
