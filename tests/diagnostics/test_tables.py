@@ -10,7 +10,7 @@ def test_an_agreement_is_tabled_in_prime_values_times_1e5_with_its_worst_quantil
     rng = np.random.default_rng(0)
     X = rng.standard_normal((40, 2))
     data = ps.RegressionData.from_arrays(
-        X, X @ [1e-3, 0.0] + 1e-4 * rng.standard_normal(40), ("Yv", "Yr"), scaling="none"
+        X, X @ [1e-3, 0.0] + 1e-4 * rng.standard_normal(40), ("Yv", "Yr"), scaling="zscore"
     )
     prior = ps.ConjugatePrior()
     found = ps.agreement(prior.exact(data), {"gibbs": ps.gibbs_posterior(data, prior, rng=rng)})

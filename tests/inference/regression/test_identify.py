@@ -11,8 +11,6 @@ from pymc_ship.inference.regression.identify import identify
 from pymc_ship.records.denoising.derivative import DERIVATIVES
 from tests.physics.vessel.cases import TERMS
 
-WITHOUT_NOISE = pytest.mark.filterwarnings("ignore::pymc_ship.inference.regression.tune.BoundWarning")
-
 
 @pytest.fixture(scope="module")
 def noisy(trial):
@@ -24,7 +22,6 @@ def found(noisy, small):
     return identify(noisy, small, families=("conjugate",))
 
 
-@WITHOUT_NOISE
 def test_a_perfect_record_gives_back_the_vessel(trial, small):
     """Euler differences undo an Euler simulation, so only rounding and the prior's pull are left."""
     found = identify(trial, small, families=("conjugate",), interval=2.0)
@@ -114,7 +111,6 @@ def test_interval_and_derivative_reach_the_rows(trial, small, monkeypatch):
     assert errors[0] < 1e-9 < 1e-4 < errors[1]
 
 
-@WITHOUT_NOISE
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_weak_form_goes_the_same_way(trial, noisy, small, family):
     """On the clean record only the prior's pull is left; under noise the posterior is narrower than that of Euler."""

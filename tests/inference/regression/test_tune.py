@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import importlib
 import re
-import warnings
 from dataclasses import fields, replace
 from functools import partial
 
@@ -15,8 +14,6 @@ from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.tune import BoundWarning, maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from tests.inference.regression.peers import oracle, simulated
-
-AT_BOUNDS = pytest.mark.filterwarnings("ignore::pymc_ship.inference.regression.tune.BoundWarning")
 
 module = importlib.import_module("pymc_ship.inference.regression.tune")
 
@@ -43,8 +40,7 @@ def noise_is_covered(family, seed):
 
 @pytest.fixture(scope="module", params=list(FAMILIES))
 def found(request):
-    with warnings.catch_warnings(action="ignore", category=BoundWarning):  # after few evaluations
-        return request.param, tuned(request.param, evaluations=15)
+    return request.param, tuned(request.param, evaluations=15)
 
 
 class TestResult:
@@ -78,7 +74,6 @@ class TestResult:
         _, result = found
         assert result.scores[5:].max() > result.scores[:5].max()
 
-    @AT_BOUNDS  # after few evaluations
     @pytest.mark.slow
     def test_the_generator_decides(self):
         one, same, other = tuned(seed=3), tuned(seed=3), tuned(seed=4)
@@ -86,7 +81,6 @@ class TestResult:
             assert np.array_equal(getattr(one, field.name), getattr(same, field.name)), field.name
         assert not np.array_equal(one.points, other.points)
 
-    @AT_BOUNDS
     @pytest.mark.slow
     def test_random_folds_score_otherwise(self):
         assert tuned(split="random", folds=4).score != tuned(folds=4).score
@@ -116,7 +110,6 @@ class TestSearch:
         """The broken twin: a score taken for a loss."""
         assert self.distance(-1.0)[0] > 0.4
 
-    @AT_BOUNDS  # of an unbounded shape
     @pytest.mark.slow
     @pytest.mark.parametrize("family", FAMILIES)
     def test_forty_evaluations_come_within_a_standard_error_of_the_evidence_maximum(self, family):
@@ -143,7 +136,6 @@ class TestEvidence:
         assert max(others) <= log_evidence - prior.shape + 1e-6
         assert np.mean(np.array(others) < log_evidence - prior.shape - 1e-3) > 0.9
 
-    @AT_BOUNDS  # without the hyperprior
     @pytest.mark.consistency
     @pytest.mark.parametrize("family", FAMILIES)
     def test_the_noise_variance_is_covered(self, family, monkeypatch):
@@ -184,7 +176,6 @@ class TestEvidence:
             search(data, "conjugate", box=box)
         assert {"conjugate", "sway", "kappa"} <= set(re.findall(r"\w+", str(caught[0].message)))
 
-    @AT_BOUNDS
     def test_both_families_agree_where_the_noise_variance_is_known(self):
         """At a firm sigma2 the conjugate kappa sigma2 is the semi-conjugate kappa, and the evidence the same."""
         box = {"shape": (1e7, 1.0001e7), "noise_variance": (1e-3, 1.0)}
