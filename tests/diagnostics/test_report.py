@@ -3,10 +3,13 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.diagnostics import page as page_module
+from pymc_ship.diagnostics.agreement import comparisons
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.inference.regression.tree import write_posterior
 from tests.diagnostics.cases import without
@@ -97,3 +100,33 @@ def test_what_cannot_be_reported_is_one_sentence(good, tmp_path, capsys, words, 
     assert printed.err.count("\n") == 1
     assert re.search(sentence, printed.err)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["junk.nc", "x.nc"]
+
+
+@pytest.mark.parametrize("checked", [False, True])
+def test_a_report_is_of_the_coefficients_that_were_not_fixed(container, tmp_path, checked):
+    """Also after predictive checks, whose response has the part of the fixed ones."""
+    names = [str(name) for name in container.coefficients("sway")["coefficient"].values]
+    rng, value = np.random.default_rng(1), float(container.coefficients("sway")[1])
+    X = rng.standard_normal((60, len(names)))
+    response = X @ container.coefficients("sway").values + 1e-4 * rng.standard_normal(60)
+    data = ps.RegressionData.from_arrays(X, response, names, dof="sway", vessel="container")
+    free, prior = ps.hold_fixed(data, {names[1]: value}), ps.ConjugatePrior()
+    tree = ps.exact_posterior(free, prior, draws=400, rng=1)
+    whole = ps.restore_fixed(tree, {names[1]: value}, names)
+    if checked:
+        whole = ps.with_predictive(whole, data, prior, rng=1)
+    pages = {}
+    for name, (given, vessel) in {"whole": (whole, None), "ship": (whole, container), "free": (tree, None)}.items():
+        page = ps.diagnostic_report({"one": given}, tmp_path / name, vessel)
+        pages[name] = page.read_text(encoding="utf-8")
+    fixed = f"; {names[1]} fixed at {value:.3g}"
+    assert pages["ship"].count(fixed) == pages["whole"].count(fixed) == 1
+    assert pages["whole"].replace(fixed, "").split("<figure")[0] == pages["free"].split("<figure")[0]
+    assert "the prior is of the free coefficients alone" in pages["ship"]
+    assert f"of {len(names)} coefficients are determined" not in pages["ship"]
+    compared = comparisons({"exact": tree, "gibbs": ps.restore_fixed(gibbs(free, prior), {names[1]: value}, names)})
+    assert [len(one.trees) for one in compared] == [2]
+
+
+def gibbs(data, prior):
+    return ps.gibbs_posterior(data, prior, draws=400, rng=2)

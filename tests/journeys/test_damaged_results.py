@@ -20,6 +20,7 @@ from tests.journeys.damaged import damage
 from tests.journeys.results import AGAIN, kinds
 from tests.physics.vessel.cases import toml
 from tests.records.files.mutated import mutated
+from tests.ships.ensemble.cases import write_index
 
 FORMAT = """[columns]
 u = { column = "U", unit = "kn" }
@@ -137,7 +138,6 @@ def test_mutated_trials_with_mutated_formats_are_checked_or_refused(made, tmp_pa
 def test_a_ship_of_another_version_is_refused_with_status_2(whole, tmp_path, capsys, change):
     at = Path(shutil.copytree(whole["ship"][0], tmp_path / "at"))
     index = json.loads((at / "model" / "ship.json").read_text(encoding="utf-8"))
-    del index["sha256"]
     if change == "gear":
         index["facilities"] = {"": {"rudder_rate_deg": 2.0}}
     elif change == "prior":
@@ -152,7 +152,7 @@ def test_a_ship_of_another_version_is_refused_with_status_2(whole, tmp_path, cap
         index["motion_error"] = xr.Dataset({"u": ("lead", [0.1])}, {"lead": [0.5]}).to_dict()
     else:
         del index["facilities"]
-    (at / "model" / "ship.json").write_text(json.dumps(index), encoding="utf-8")
+    write_index(at / "model", index)
     assert main(["forecast", str(at), "--turn", "35", "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "was written by another version of pymc_ship" in line

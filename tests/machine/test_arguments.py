@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.machine.arguments import check_choice, finite_number, real_array, short_repr
+from pymc_ship.machine.arguments import check_choice, finite_number, label_array, real_array, short_repr
 
 
 class OddError(ValueError):
@@ -72,6 +72,19 @@ def test_nan_is_for_the_caller():
     assert np.isnan(real_array("The size", [np.nan, 1.0])).tolist() == [True, False]
 
 
+class Lazy:
+    """An array of dask, whose conversion by NumPy drops the mask."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def compute(self):
+        return self.values
+
+    def __array__(self, dtype=None, copy=None):
+        return np.asarray(self.values, dtype)
+
+
 MASKED = np.ma.masked_greater([1.0, 9.96921e36, 2.0], 1e30)
 
 
@@ -82,7 +95,10 @@ MASKED = np.ma.masked_greater([1.0, 9.96921e36, 2.0], 1e30)
         ([MASKED, MASKED], "2 masked; fill the gaps or leave them out"),
         ([1.0, np.ma.masked], "1 masked; fill the gaps or leave them out"),
         ([1.0, None], "1 missing; fill the gaps or leave them out"),
+        (Lazy(MASKED), "1 masked; fill the gaps or leave them out"),
+        (np.array([1.0, np.ma.masked], dtype=object), "1 missing; fill the gaps or leave them out"),
         (np.array([1.0 + 2.0j]), "complex values; convert them"),
+        (np.array([1.0, 2.0j], dtype=object), "complex values; convert them"),
         (["1", "2"], "texts; convert them"),
         (np.array(["2026-01-01"], dtype="datetime64[s]"), "dates; convert them"),
         (np.array([1, 2], dtype="timedelta64[s]"), "durations; convert them"),
@@ -93,3 +109,25 @@ def test_what_is_no_array_of_real_numbers(values, found):
     with pytest.raises(OddError) as error:
         real_array("The size", values, OddError)
     assert str(error.value) == f"The size must be real numbers, found {found}."
+
+
+@pytest.mark.parametrize("values", [["a", "1"], ("a", 1), np.array(["a", "1"]), np.array(["a", 1], dtype=object)])
+def test_labels_come_back_as_a_new_array_of_texts(values):
+    found = label_array("The run", values)
+    assert (found.dtype.kind, found.tolist()) == ("U", ["a", "1"])
+    assert not np.shares_memory(found, values)
+
+
+@pytest.mark.parametrize(
+    ("values", "found"),
+    [
+        (np.ma.masked_equal([1, 2, 2], 2), "2 masked"),
+        (["a", None], "1 missing"),
+        ([np.nan, 1.0], "1 missing"),
+        (np.array(["a", np.ma.masked], dtype=object), "1 missing"),
+    ],
+)
+def test_what_is_no_label(values, found):
+    with pytest.raises(OddError) as error:
+        label_array("The run", values, OddError)
+    assert str(error.value) == f"The run must be labels, found {found}; fill the gaps or leave them out."

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics.numbers import R_HAT_LIMIT, convergence_diagnostics, missing, quantities, summary
-from pymc_ship.diagnostics.regression import DESIGN, data_of, prior_of
+from pymc_ship.diagnostics.regression import DESIGN, data_of, free_posterior, prior_of
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.priors import ExactPosterior
@@ -213,7 +213,11 @@ def _value(value: float) -> str:
 
 
 def comparisons(trees: Mapping[str, xr.DataTree]) -> list[Comparison]:
-    """Posteriors by name, grouped with the exact posterior of the same data and prior where it is given."""
+    """Posteriors by name, grouped with the exact posterior of the same data and prior where it is given.
+
+    Without the coefficients that were fixed, see :func:`.free_posterior`.
+    """
+    trees = {name: free_posterior(tree) for name, tree in trees.items()}
     exact = [name for name, tree in trees.items() if tree.attrs["method"] in FAMILIES]
     groups: dict[str, list[str]] = {}
     for name, tree in trees.items():

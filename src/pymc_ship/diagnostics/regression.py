@@ -19,6 +19,7 @@ from pymc_ship.inference.sampling.from_pymc import OWN
 from pymc_ship.inference.sampling.predictive import predictive, prior_draws
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
+_PREDICTIVE = ("prior", "prior_predictive", "posterior_predictive")  # groups of with_predictive
 _NOISE = {"noise_variance": ("chain", "draw")}  # checked where a tree has it
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
 
@@ -31,6 +32,26 @@ def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
         json.loads(tree.attrs["scaling"])["response_scale"]
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{name} is no posterior of this package, its prior or scaling is broken: {error}.") from None
+
+
+def fixed_of(tree: xr.DataTree) -> dict[str, float]:
+    """Coefficients that :func:`pymc_ship.restore_fixed` added, with their values."""
+    return json.loads(tree.attrs.get("fixed", "{}"))
+
+
+def free_posterior(tree: xr.DataTree) -> xr.DataTree:
+    """Posterior without the coefficients that were fixed, and without predictions that depend on them.
+
+    The data of the tree are those of the free ones; a constant has neither convergence nor contraction.
+    """
+    fixed = fixed_of(tree)
+    if not fixed:
+        return tree
+    groups = {name: node.to_dataset() for name, node in tree.children.items()}
+    groups["posterior"] = groups["posterior"].drop_sel(coefficient=list(fixed))
+    if "prior" in groups and groups["prior"].sizes.get("coefficient") != groups["posterior"].sizes["coefficient"]:
+        groups = {name: group for name, group in groups.items() if name not in _PREDICTIVE}
+    return xr.DataTree.from_dict({"/": tree.to_dataset(), **groups})
 
 
 DESIGN = ("constant_data/design_matrix", "observed_data/response")

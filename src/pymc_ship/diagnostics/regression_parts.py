@@ -79,7 +79,7 @@ def _origin(one: Comparison) -> str:
     )
     return (
         f"{tree.attrs['dof'].capitalize()} of {tree.attrs['vessel']}, {drawn}; {sizes['coefficient']} coefficients; "
-        f"{stated}."
+        f"{stated}{''.join(f'; {name} fixed at {_n(value)}' for name, value in regression.fixed_of(tree).items())}."
     )
 
 
@@ -136,8 +136,10 @@ def _agreement(one: Comparison) -> Part:
 def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     dof, summary = tree.attrs["dof"], numbers.summary(tree)
     narrowing = _known_contraction(tree)
-    reference = ship.coefficients(dof).values if ship else None
-    published = parts.published_estimates(ship, dof)
+    estimated = tree["posterior"].dataset["coefficient"].values
+    free = np.isin(_coefficient_names(ship, tree), estimated) if ship else slice(None)
+    reference = ship.coefficients(dof).values[free] if ship else None
+    published = {family: values[free] for family, values in parts.published_estimates(ship, dof).items()}
     marks = {} if reference is None else {"reference": reference}
     marks |= {f"publ. {family}": values for family, values in published.items()}
     rows = coefficient_table(summary.rename(quantity="coefficient"), narrowing, marks)
@@ -313,6 +315,8 @@ def _sensitivity(tree: xr.DataTree) -> Part:
 
 def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Part:
     """Draws of the prior: the tree's own where it has them, otherwise of the recorded prior."""
+    if regression.fixed_of(tree):
+        return Part(parts.SHIPS_TITLE, "Not shown: the prior is of the free coefficients alone.")
     if numbers.has(tree, "prior/coefficients"):
         return parts.ships_part(tree, ship, {tree.attrs["dof"]: tree}, rng)
     prior, lacking = regression.prior_of(tree), parts.missing_sentence(tree, *regression.required_variables(tree))

@@ -13,7 +13,7 @@ import numpy as np
 _SHORT = Repr(maxlevel=3, maxstring=60, maxlong=60, maxother=60)
 _LONGEST = 100
 _KINDS = {"c": "complex values", "U": "texts", "S": "texts", "M": "dates", "m": "durations"}  # of NumPy
-_MISSING = ("NAType", "NaTType")  # of pandas
+_MISSING = ("NoneType", "NAType", "NaTType", "MaskedConstant")  # of Python, pandas and NumPy
 
 
 def short_repr(value: object) -> str:
@@ -50,10 +50,8 @@ def real_array(what: str, values: Any, error: type[ValueError] = ValueError) -> 
 
     Every array from outside enters here: NumPy alone takes the fill value of a masked one, 9.97e36 in netCDF4.
     """
-    parts = values if isinstance(values, list | tuple) else [values]
-    masked = sum(np.count_nonzero(np.ma.getmaskarray(part)) for part in parts if np.ma.is_masked(part))
-    if masked:
-        raise error(f"{what} must be real numbers, found {masked} masked; fill the gaps or leave them out.")
+    values = values.compute() if hasattr(values, "compute") else values  # of dask, whose conversion drops masks
+    _check_unmasked(f"{what} must be real numbers", values, error)
     found = None
     with suppress(TypeError, ValueError):  # of rows of different length
         found = np.asarray(values)
@@ -65,14 +63,35 @@ def real_array(what: str, values: Any, error: type[ValueError] = ValueError) -> 
     return np.array(found, dtype=float, order="C")
 
 
+def label_array(what: str, values: Any, error: type[ValueError] = ValueError) -> np.ndarray:
+    """Values as a new array of texts; ``error`` for masked or missing ones, of which NumPy makes names."""
+    _check_unmasked(f"{what} must be labels", values, error)
+    objects = np.array(values, dtype=object)
+    missing = sum(map(_is_missing, objects.ravel().tolist()))
+    if missing:
+        raise error(f"{what} must be labels, found {missing} missing; fill the gaps or leave them out.")
+    return objects.astype(str)
+
+
+def _check_unmasked(rule: str, values: Any, error: type[ValueError]) -> None:
+    parts = values if isinstance(values, list | tuple) else [values]
+    masked = sum(np.count_nonzero(np.ma.getmaskarray(part)) for part in parts if np.ma.is_masked(part))
+    if masked:
+        raise error(f"{rule}, found {masked} masked; fill the gaps or leave them out.")
+
+
+def _is_missing(item: Any) -> bool:
+    return type(item).__name__ in _MISSING or (isinstance(item, float) and item != item)
+
+
 def _from_objects(what: str, objects: np.ndarray, error: type[ValueError]) -> np.ndarray:
     """Floats of an array of Python objects, the array itself if they are no numbers; ``error`` for missing ones."""
     items = objects.ravel().tolist()
-    missing = sum(item is None or type(item).__name__ in _MISSING for item in items)
+    missing = sum(type(item).__name__ in _MISSING for item in items)
     if missing:
         raise error(f"{what} must be real numbers, found {missing} missing; fill the gaps or leave them out.")
     if any(isinstance(item, str | bytes) for item in items):
         return objects.astype(str)
     with suppress(TypeError, ValueError, OverflowError):
         return objects.astype(float)
-    return objects
+    return objects.astype(complex) if any(isinstance(item, complex) for item in items) else objects

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import partial
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -52,6 +53,31 @@ RNG = np.random.default_rng(1)
 def held_tree():
     data = hold_fixed(ship(), HELD)
     return gibbs_posterior(data, base("semiconjugate", 4), draws=5, chains=2, rng=np.random.default_rng(1))
+
+
+def noted(value, of):
+    """Posterior with a note of a value in the attrs of a group or of a variable."""
+    found = tree()
+    (found["posterior"]["coefficients"] if of == "coefficients" else found[of]).attrs["note"] = value
+    return found
+
+
+def with_posterior(change):
+    found = tree()
+    found["posterior"] = xr.DataTree(change(found["posterior"].to_dataset()))
+    return found
+
+
+def stacked():
+    return with_posterior(lambda posterior: posterior.stack(sample=("chain", "draw")))
+
+
+def of_complex_draws():
+    return with_posterior(lambda posterior: posterior.astype(complex))
+
+
+def of_objects():
+    return with_posterior(lambda posterior: posterior.assign(note=("chain", np.array([{}] * posterior.sizes["chain"]))))
 
 
 def something_else(tmp_path, suffix):
@@ -117,6 +143,34 @@ test_value_errors = wording(
     (
         r"ending in .nc or .zarr, found 'surge.csv'; rename it",
         lambda tmp_path: write_posterior(tree(), tmp_path / "surge.csv"),
+    ),
+    *(
+        (
+            f"found {found} in 'note' of {of}; convert it, such as by",
+            lambda tmp_path, value=value, of=of, suffix=suffix: write_posterior(
+                noted(value, of), tmp_path / f"surge{suffix}"
+            ),
+        )
+        for suffix in FORMATS
+        for of, value, found in [
+            ("/", True, "True"),
+            ("/", None, "None"),
+            ("/posterior", {"a": 1}, "{'a': 1}"),
+            ("/posterior", [1, None], r"\[1, None\]"),
+            ("coefficients", np.True_, "np.True_"),
+            ("coefficients", 1j, "1j"),
+            ("coefficients", 10**30, "10+"),
+            ("/", Path("a"), r"\w+Path\(.a.\)"),
+        ]
+    ),
+    *(
+        (sentence, lambda tmp_path, change=change, suffix=suffix: write_posterior(change(), tmp_path / f"a{suffix}"))
+        for suffix in FORMATS
+        for sentence, change in [
+            ("without stacked dims, found sample in /posterior; unstack it", stacked),
+            ("found the type complex128 in coefficients of /posterior; convert it", of_complex_draws),
+            ("has contents that files keep, found: .*; convert them", of_objects),
+        ]
     ),
     ("found nothing at", lambda tmp_path: read_posterior(tmp_path / "surge.nc")),
     *(("is no posterior written by this package", partial(something_else, suffix=suffix)) for suffix in FORMATS),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from functools import partial
 
 import numpy as np
@@ -141,6 +142,37 @@ test_errors_of_rows = wording(
     ),
     *(
         (
+            f"^The table and the {what} must have one index, found two",
+            lambda frame, what=what: ps.RegressionData.from_arrays(
+                frame[["v", "r"]], frame["Y"], **{what: frame["r"].iloc[::-1]}
+            ),
+        )
+        for what in ("time", "run")
+    ),
+    (
+        "^The table and the time must have one index, found two",
+        lambda frame: ps.RegressionData.from_formula("Y ~ v", frame, time=frame["r"].iloc[::-1]),
+    ),
+    *(
+        (
+            "^Regression data must be finite, found NaN or infinity in the time; clean",
+            lambda frame, odd=odd: ps.RegressionData.from_arrays(
+                frame[["v", "r"]], frame["Y"], time=np.r_[odd, np.arange(1.0, len(frame))]
+            ),
+        )
+        for odd in (np.nan, np.inf)
+    ),
+    *(
+        (
+            f"^The run must be labels, found 1 {found}; fill the gaps or leave them out",
+            lambda frame, one=one: ps.RegressionData.from_arrays(
+                frame[["v", "r"]], frame["Y"], run=[one, *["a"] * (len(frame) - 1)]
+            ),
+        )
+        for one, found in ((None, "missing"), (np.nan, "missing"), (np.ma.masked, "masked"))
+    ),
+    *(
+        (
             reason,
             lambda frame, formula=formula: ps.RegressionData.from_formula(
                 formula, frame.assign(side=["port", "starboard"] * 30), scaling="none"
@@ -157,7 +189,21 @@ test_errors_of_rows = wording(
                 for join, x in [(" + ", "delta"), (" + ", "2"), (":", "delta")]
             ),
             ("Y - r ~ v", "found r in no term in 'Y - r ~ v'; change it."),
-            ("Y ~ v | r", "found r in no term in 'Y ~ v | r'; change it."),
+            *(
+                (
+                    f"Y ~ {text} {end}",
+                    f"must hold for the table, found: a term ends before '{re.escape(end)}'; correct one",
+                )
+                for text, end in [("v", "| r"), ("v", "== 2"), ("v", "% 2"), ("r + v", "2"), ("v", ") + r")]
+            ),
+            ("Y ~ np.array(v)[::2]", "found: a term ends before '"),
+            ("Y ~ v + Y", "found the response among the terms in 'Y ~ v [+] Y'; change it."),
+            ("Y ~ np.ma.masked_greater(v, 0)", "found masked values in 'Y ~ np.*'; change it."),
+            (
+                "np.ma.masked_greater(Y, 0) ~ v",
+                "^The response must be real numbers, found [0-9]+ masked; fill the gaps",
+            ),
+            ("Y ~ v.rank()", "found: a method of 'v', in place of a function; correct one"),
             ("Y**2 ~ v", "found: Exponentiation on an individual variable .* the math power; correct"),
             ("Y ~ v**2", r"found: Exponentiation .* Use {v\*\*2} or I.* to compute the math power; correct"),
             ("Y ~ v + (1|side)", "found terms that vary by group in "),

@@ -65,6 +65,18 @@ def test_noise_is_judged_by_the_spread_of_its_channel(zigzag, container, share, 
     assert checks["noise"].value("sd v") == pytest.approx(share * zigzag["v"].values.std(), rel=0.1)
 
 
+@pytest.mark.parametrize("noise", [("gnss", "mems_gyro", "fluxgate_compass"), "mems_gyro", "mru"])
+def test_noise_and_steps_of_roll_are_those_of_a_ship_that_rolls(container, noise):
+    """A ship without roll has p and phi of 0, of which an instrument makes noise that no fit uses."""
+    vessel = ps.load_vessel("kvlcc2")
+    trial = ps.simulate(vessel, ps.zigzag(20.0, 20.0), duration=400.0, record_interval=1.0)
+    read = ps.pollute(trial, noise=noise, rng=1).interpolate_na("time", fill_value="extrapolate")
+    checks = checks_by_name(read, vessel)
+    assert not {check.name for check in checks.values() if check.verdict == "bad"}
+    rolling = checks_by_name(read, container)
+    assert "bad" in {rolling["noise"].verdict, rolling["resolution"].verdict}
+
+
 @pytest.mark.parametrize(("step", "verdict"), [(0.001, "good"), (0.05, "doubtful"), (0.2, "bad")])
 def test_a_coarse_channel_is_told(container, step, verdict):
     trial = simulated(container, ps.zigzag(20.0, 20.0))

@@ -6,6 +6,7 @@ import re
 from functools import partial
 
 import numpy as np
+import pywt
 
 import pymc_ship as ps
 from pymc_ship.records.denoising.denoise import denoise, denoise_signal
@@ -38,6 +39,9 @@ test_value_errors = wording(
             ({"wavelet": "sym99"}, "orthogonal wavelet, found 'sym99'"),
             ({"wavelet": "bior4.4"}, "orthogonal wavelet, found 'bior4.4'"),
             ({"wavelet": "dmey"}, "orthogonal wavelet, found 'dmey'"),
+            ({"wavelet": pywt.Wavelet("dmey")}, "orthogonal wavelet, found pywt._extensions._pywt.Wavel"),
+            ({"translation_invariant": "no"}, "translation_invariant is True or False, found 'no'; choose one of them"),
+            ({"translation_invariant": np.ones(2)}, "translation_invariant is True or False, found array([1., 1.])"),
             ({"wavelet": "morl"}, "orthogonal wavelet, found 'morl'"),
             ({"prior": "gauss"}, "prior is one of laplace, cauchy; found 'gauss'"),
             ({"rule": "sure"}, "rule is one of median, mean, hard, soft; found 'sure'"),

@@ -17,6 +17,8 @@ from tests.records.files.test_instruments import ramp
 from tests.records.files.test_time_base import regularised, signal
 from tests.sentences import wording
 
+FAULT = "missing, found others in "
+
 
 def without_a_channel(run, read, frame, lacks):
     table = columns(run)
@@ -121,6 +123,17 @@ test_trial_errors = wording(
         )
         for arguments, sentence in [
             ({"noise": "sextant"}, "An instrument is one of gnss, mems_gyro, mru, fluxgate_compass; found 'sextant'"),
+            *(
+                ({"noise": lambda clean, rng, change=change: clean.assign(u=change(clean["u"]))}, f"{FAULT}u; correct")
+                for change in (
+                    lambda u: u * np.nan,
+                    lambda u: u.where(u.time > 0, np.inf),
+                    lambda u: u + 1j,
+                    lambda u: u.expand_dims("run"),
+                    lambda u: u.astype(str),
+                )
+            ),
+            ({"noise": lambda clean, rng: clean.drop_vars("psi")}, f"{FAULT}psi; correct"),
             ({"noise": ["gnss", ps.Instrument(sd={"u": 1.0})]}, "A channel has one instrument, found two for u"),
             ({"noise": lambda clean, rng: None}, "returns the trial, a Dataset over the same times, found NoneType"),
             ({"noise": lambda clean, rng: clean.isel(time=slice(5))}, "a Dataset over the same times, found Dataset"),

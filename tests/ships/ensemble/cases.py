@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -10,6 +12,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.inference.trajectory.prior import GaussianLikelihood
 from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
+from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
@@ -33,6 +36,14 @@ def ship_of(*models, names=(), **known) -> ps.Ship:
         for name, vessel, draws in zip(names, vessels, rows, strict=True)
     )
     return ps.Ship(tuple(members), **known)
+
+
+def write_index(folder: Path, index: dict) -> None:
+    """Write an index of a saved ship with the checksum that its writer would give it."""
+    index = {key: value for key, value in index.items() if key != "sha256"}
+    files = [f"{entry['file']}{ending}" for entry in index["terms"] for ending in (".toml", ".nc")]
+    index["sha256"] = folder_checksum(folder, files, index)
+    (folder / "ship.json").write_text(json.dumps(index), encoding="utf-8")
 
 
 def with_likelihoods(ship: ps.Ship) -> ps.Ship:

@@ -9,24 +9,19 @@ from pathlib import Path
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.ensemble.files import FORMAT, MIGRATIONS
 from tests.sentences import wording
-from tests.ships.ensemble.cases import ship_of
+from tests.ships.ensemble.cases import ship_of, write_index
 from tests.ships.ensemble.test_files import SAVED
 from tests.ships.forecasting.posteriors import joint, posterior
 from tests.ships.identification.cases import tanker
 
 
 def edited(at, out, **changes):
-    """Copy of a saved ship with another index, whole but for its checksum, which is as right as its writer's."""
+    """Copy of a saved ship with another index."""
     folder = Path(shutil.copytree(at, out)) / "model"
-    index = json.loads((folder / "ship.json").read_text(encoding="utf-8")) | changes
-    del index["sha256"]
-    files = [f"{entry['file']}{ending}" for entry in index["terms"] for ending in (".toml", ".nc")]
-    index["sha256"] = folder_checksum(folder, files, index)
-    (folder / "ship.json").write_text(json.dumps(index), encoding="utf-8")
+    write_index(folder, json.loads((folder / "ship.json").read_text(encoding="utf-8")) | changes)
     return out
 
 
@@ -64,8 +59,17 @@ def without_a_part(tmp_path, part):
     at = edited(SAVED / "format_3", tmp_path / "at", **{part: None})
     path = at / "model" / "ship.json"
     index = json.loads(path.read_text(encoding="utf-8"))
-    del index[part], index["sha256"]
-    path.write_text(json.dumps(index), encoding="utf-8")
+    del index[part]
+    write_index(path.parent, index)
+    ps.load_ship(at)
+
+
+def without_its_checksum(tmp_path, value):
+    at = Path(shutil.copytree(SAVED / f"format_{max(MIGRATIONS)}", tmp_path / "at"))
+    path = at / "model" / "ship.json"
+    index = json.loads(path.read_text(encoding="utf-8")) | {"sha256": value}
+    kept = {key: entry for key, entry in index.items() if value != "none" or key != "sha256"}
+    path.write_text(json.dumps(kept), encoding="utf-8")
     ps.load_ship(at)
 
 
@@ -109,6 +113,10 @@ test_ship_errors = wording(
             lambda tmp_path, number=number: changed_by_hand(tmp_path, number),
         )
         for number in sorted(MIGRATIONS)
+    ),
+    *(
+        ("its checksum does not fit or is missing", lambda tmp_path, value=value: without_its_checksum(tmp_path, value))
+        for value in ["none", None, "", 0]
     ),
     *(
         ("was written by another version of pymc_ship", lambda tmp_path, part=part: without_a_part(tmp_path, part))

@@ -17,7 +17,7 @@ from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.identification.candidates import default_term_sets
 from pymc_ship.ships.identification.model import _prepare
 from tests.physics.forces.test_parts import ROLLING, tanker
-from tests.ships.ensemble.cases import ship_of
+from tests.ships.ensemble.cases import ship_of, write_index
 
 SETTINGS = {"duration": 450, "step": 0.5, "method": "rk4"}
 WITHOUT, WITH = "modular", "modular with roll"
@@ -101,8 +101,7 @@ def test_a_ship_that_was_saved_with_one_size_of_error_has_it(ship, tmp_path):
     """So were those of earlier versions."""
     path = ps.save_ship(ship, tmp_path) / "ship.json"
     index = json.loads(path.read_text(encoding="utf-8"))
-    del index["sha256"]
-    path.write_text(json.dumps(index | {"index_error": {"angle": 0.05}}), encoding="utf-8")
+    write_index(path.parent, index | {"index_error": {"angle": 0.05}})
     again = ps.load_ship(tmp_path)
     assert {kind: sizes.tolist() for kind, sizes in again.index_error.items()} == {"angle": [0.05]}
     overshoot = ps.forecast(again, ps.zigzag(10, 10), rng=1)["index_bands"]["first_overshoot_angle"].values

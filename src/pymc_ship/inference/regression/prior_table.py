@@ -115,7 +115,7 @@ def restore_fixed(
 ) -> xr.DataTree:
     """Posterior of :func:`hold_fixed` data with the fixed coefficients added as constants, ready for a forecast.
 
-    Diagnose the sampler before: the r-hat of a constant is not defined.
+    A diagnostic report is of the free ones: the r-hat of a constant is not defined.
 
     Parameters
     ----------

@@ -13,6 +13,7 @@ import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_valid_checksum
 from pymc_ship.machine.files import settle, staged_path
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -190,24 +191,64 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     Raises
     ------
     ValueError, OutputError
-        For another ending of the path; for a folder that cannot be written.
+        For another ending of the path, or contents that such files do not have, such as a stacked dim; for a folder
+        that cannot be written.
     """
     path = Path(path)
     if path.suffix not in FILES:
         raise ValueError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
+    _check_contents(tree)
     with staged_path(path) as partial:
-        if path.suffix == ".nc":
-            try:
+        try:
+            if path.suffix == ".nc":
                 tree.to_netcdf(partial, engine="netcdf4")
-            except RuntimeError as error:  # of a disk that is full, among others
-                raise OSError(None, f"{error}, the disk may be full") from None
+            else:
+                tree.to_zarr(partial, consolidated=False)
+        except (NotImplementedError, TypeError, ValueError, OverflowError, AttributeError) as error:
+            raise ValueError(f"A posterior has contents that files keep, found: {error}; convert them.") from None
+        except RuntimeError as error:  # of a disk that is full, among others
+            raise OSError(None, f"{error}, the disk may be full") from None
+        if path.suffix == ".nc":
             append_checksum(partial)
         else:
-            tree.to_zarr(partial, consolidated=False)
             index = json.loads((partial / _ZARR).read_text(encoding="utf-8"))
             index["attributes"][_SUM] = _zarr_checksum(partial, index)
             (partial / _ZARR).write_text(json.dumps(index), encoding="utf-8")
     return path
+
+
+def _check_contents(tree: xr.DataTree) -> None:
+    """Raise ValueError for stacked dims, and for attrs or variables that are neither texts nor real numbers."""
+    for node in tree.subtree:
+        group = node.to_dataset()
+        for name, index in group.indexes.items():
+            if index.nlevels > 1:
+                raise ValueError(
+                    f"A posterior is written without stacked dims, found {name} in {node.path}; unstack it before."
+                )
+        for of, attrs in {node.path: group.attrs, **{name: one.attrs for name, one in group.variables.items()}}.items():
+            for key, value in attrs.items():
+                if not isinstance(key, str) or not _is_writable(value):
+                    raise ValueError(
+                        f"Attrs of a posterior are texts, numbers or lists of them, found {short_repr(value)} in "
+                        f"{key!r} of {of}; convert it, such as by json.dumps, or leave it out."
+                    )
+        for name, variable in group.variables.items():
+            if variable.dtype.kind not in "biufUSMmO":
+                raise ValueError(
+                    f"A posterior has real numbers and texts, found the type {variable.dtype} in {name} of "
+                    f"{node.path}; convert it."
+                )
+
+
+def _is_writable(value: Any) -> bool:
+    """Whether NetCDF and Zarr have a type for an attribute."""
+    if isinstance(value, list | tuple):
+        kinds = {isinstance(item, str) for item in value}
+        return len(kinds) == 1 and all(map(_is_writable, value))
+    if isinstance(value, str | np.ndarray | np.generic):
+        return np.asarray(value).dtype.kind in "iufU"
+    return isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63)
 
 
 def read_posterior(path: str | Path) -> xr.DataTree:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pymc_ship.inference.rows.frames import Formula, check_same_rows, formula_rows, frame_columns, frame_names, is_frame
-from pymc_ship.machine.arguments import check_choice, real_array
+from pymc_ship.machine.arguments import check_choice, label_array, real_array
 from pymc_ship.machine.errors import InferenceError
 
 SCALINGS = ("zscore", "none")
@@ -89,6 +89,7 @@ class RegressionData:
             Without formulae, for a formula with group-level terms or that does not fit, and as :meth:`from_arrays`.
         """
         design_matrix, response, parsed_formula = formula_rows(formula, frame)
+        check_same_rows(frame, time, "time")
         data = cls.from_arrays(design_matrix, response, parsed_formula.names, scaling=scaling, time=time, **labels)
         return replace(data, formula=parsed_formula)
 
@@ -128,7 +129,8 @@ class RegressionData:
         """
         rounding = _rounding(design_matrix.to_numpy() if is_frame(design_matrix) else design_matrix)
         if is_frame(design_matrix):
-            check_same_rows(design_matrix, response)
+            for what, column in {"response": response, "time": time, "run": run}.items():
+                check_same_rows(design_matrix, column, what)
             coefficients = frame_names(design_matrix) if coefficients is None else tuple(coefficients)
             design_matrix = frame_columns(design_matrix, coefficients, "The rows")
         X = real_array("The design matrix", design_matrix, InferenceError)
@@ -137,7 +139,7 @@ class RegressionData:
             raise InferenceError(f"A design matrix has shape (rows, terms), found {X.shape}; reshape it.")
         names = tuple(coefficients) if coefficients is not None else tuple(f"x{j + 1}" for j in range(X.shape[1]))
         times = np.arange(len(y), dtype=float) if time is None else real_array("The time", time, InferenceError)
-        runs = np.full(len(y), "1") if run is None else np.array(run, dtype=str)
+        runs = np.full(len(y), "1") if run is None else label_array("The run", run, InferenceError)
         _check(X, y, names, times, runs)
         varies = np.ptp(X, axis=0) > rounding * np.abs(X).max(axis=0)
         constants = np.flatnonzero(~varies & (X[0] != 0.0))
@@ -336,6 +338,7 @@ def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...], time: np.ndarra
         twice = sorted({name for name in names if names.count(name) > 1})
         raise InferenceError(f"Coefficient names must differ, found {', '.join(twice)} more than once.")
     bad = [name for j, name in enumerate(names) if not np.isfinite(X[:, j]).all()]
-    if bad or not np.isfinite(y).all():
-        where = ", ".join(bad) if bad else "the response"
+    bad += [f"the {what}" for what, values in {"response": y, "time": time}.items() if not np.isfinite(values).all()]
+    if bad:
+        where = ", ".join(bad)
         raise InferenceError(f"Regression data must be finite, found NaN or infinity in {where}; clean the trial.")

@@ -64,13 +64,13 @@ def _name_list(names: Sequence[str]) -> str:
     return shorten(", ".join(names), 100, placeholder=" ...") or "none"
 
 
-def check_same_rows(design_matrix: Any, response: Any) -> None:
+def check_same_rows(design_matrix: Any, column: Any, what: str) -> None:
     """Raise InferenceError if a table and a column of another table differ in their index."""
-    index, other = getattr(design_matrix, "index", None), getattr(response, "index", None)
-    if index is None or other is None or not hasattr(response, "to_numpy"):
+    index, other = getattr(design_matrix, "index", None), getattr(column, "index", None)
+    if index is None or other is None or not hasattr(column, "to_numpy"):
         return
-    if not np.array_equal(index, other):
-        raise InferenceError("The table and the response must have one index, found two; take both from one table.")
+    if not index.equals(other):
+        raise InferenceError(f"The table and the {what} must have one index, found two; take both from one table.")
 
 
 def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | None = None) -> np.ndarray:
@@ -123,7 +123,7 @@ class Formula:
 
     def _evaluate(self, frame: Any) -> np.ndarray:
         try:
-            design = np.asarray(self.terms.evaluate_new_data(frame).design_matrix)
+            design = self.terms.evaluate_new_data(frame).design_matrix
         except Exception as error:  # a formula may call anything
             raise InferenceError(_sentence(self.text, "the new rows", error)) from None
         return real_array("The terms of the formula", design, InferenceError)
@@ -206,11 +206,14 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
     log.addHandler(remarks)
     try:
         matrices = design_matrices(formula, frame, na_action="error", env=Environment([scope]))
+        unread = _unread(formula)
     except Exception as error:  # a formula may call anything
         raise InferenceError(_sentence(formula, "the table", error)) from None
     finally:
         scope.outer = None
         log.removeHandler(remarks)
+    if unread:
+        remarks.texts.append(f"a term ends before {short_repr(unread)}")
     if remarks.texts:
         raise InferenceError(_sentence(formula, "the table", " ".join(remarks.texts)))
     _check_terms(formula, frame, matrices)
@@ -221,7 +224,17 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
     few = np.unique(np.linspace(0, len(columns) - 1, min(_SAMPLE_ROWS, (len(columns) + 1) // 2)).round().astype(int))
     sample = frame[list(variables)].iloc[few].copy(), columns[few]
     parsed = Formula(formula, frame_names(named), variables, terms, scope, sample)
-    return columns, np.asarray(matrices.response.design_matrix), parsed
+    return columns, matrices.response.design_matrix, parsed
+
+
+def _unread(formula: str) -> str:
+    """End of a formula that formulae leaves out without a word, such as that of ``Y ~ v == 2``."""
+    from formulae.parser import Parser
+    from formulae.scanner import Scanner
+
+    parser = Parser(Scanner(formula).scan())
+    parser.parse()
+    return " ".join(token.lexeme for token in parser.tokens[parser.current :]).strip()
 
 
 def _variables(terms: Iterable[Any]) -> set[str]:
@@ -242,6 +255,8 @@ def _check_terms(formula: str, frame: Any, matrices: Any) -> None:
     faults = {
         "no response": response is None,
         "a response that is no number": response is not None and response.kind != "numeric",
+        "the response among the terms": response is not None and response.name in [term.name for term in terms],
+        "masked values": any(isinstance(term.data, np.ma.MaskedArray) for term in terms),
         "terms that vary by group": matrices.group is not None,
         "no term": not terms,
         f"{_name_list(idle)} in no term": matrices.group is None and bool(idle),
@@ -256,4 +271,6 @@ def _check_terms(formula: str, frame: Any, matrices: Any) -> None:
 
 def _sentence(formula: str, what: str, error: Exception | str) -> str:
     reason = f"no variable {error}" if isinstance(error, KeyError) else f"{error}".rstrip(".")
+    if isinstance(error, KeyError) and re.search(rf"\b{re.escape(str(error.args[0]))}\.\w", formula):
+        reason = f"a method of {error}, in place of a function"
     return f"The formula {short_repr(formula)} must hold for {what}, found: {reason}; correct one of them."

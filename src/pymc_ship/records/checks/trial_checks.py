@@ -16,7 +16,7 @@ from pymc_ship.records.checks import excitation, kinematics, plausibility, recor
 from pymc_ship.records.checks.lag import VelocityLag, explains_better, lag_check, lag_of, shift_velocities
 from pymc_ship.records.checks.verdicts import Check, not_checked, ship_scale
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
-from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.channels import SIMULATED, channel_names
 from pymc_ship.trial.record import as_trial, check_trial
 
 _LARGEST = 1e12
@@ -78,7 +78,9 @@ def trial_checks(
         trial = _apply_corrections(trial, checks[-1:])
     scale = ship_scale(trial, vessel)
     checks += [record_quality.sampling_check(trial, scale), record_quality.gap_check(trial)]
-    checks += [record_quality.noise_check(trial), record_quality.resolution_check(trial)]
+    unused = channel_names(lambda channel: vessel is not None and "roll" not in vessel.dofs and channel.rolling)
+    used = trial.drop_vars(unused, errors="ignore")
+    checks += [record_quality.noise_check(used), record_quality.resolution_check(used)]
     checks += [record_quality.frozen_check(trial, scale)]
     trial, closure = _closure_checks(trial, vessel, lag)
     yaw_sign = next(check for check in closure if check.name == "yaw rate")

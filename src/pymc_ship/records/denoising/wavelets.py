@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pywt
 
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.records.denoising.ebayes import mad
 
 BOUNDARIES = ("reflect", "periodic")
@@ -123,7 +124,9 @@ def orthogonal_wavelet(name: str) -> pywt.Wavelet:
         products[0] -= 1.0
         deviation = max(np.abs(products).max(), np.abs(low_pass - filters.rec_lo[::-1]).max())
     if filters is None or deviation > ORTHOGONAL:
-        raise ValueError(f"Denoising needs an orthogonal wavelet, found {name!r}; take one such as haar, db4 or sym8.")
+        raise ValueError(
+            f"Denoising needs an orthogonal wavelet, found {short_repr(name)}; take one such as haar, db4 or sym8."
+        )
     return filters
 
 

@@ -145,7 +145,20 @@ def simulate_readings(
                 "A kind of noise returns the trial, a Dataset over the same times, found "
                 f"{type(trial).__name__}; return the polluted copy."
             )
+        wrong = [str(name) for name, values in clean.data_vars.items() if not _is_reading(trial.get(name), values)]
+        if wrong:
+            raise TrialError(
+                "A kind of noise returns every channel as real numbers over the same times, NaN where a sample is "
+                f"missing, found others in {', '.join(wrong)}; correct the function."
+            )
     return trial
+
+
+def _is_reading(read: xr.DataArray | None, clean: xr.DataArray) -> bool:
+    """Whether a channel is as it was, or has the dims of a reading, numbers that are not infinite, and one sample."""
+    if read is None or read.dims != clean.dims or read.dtype.kind not in "biuf":
+        return read is not None and read.equals(clean)
+    return read.equals(clean) or not (np.isinf(read.values).any() or np.isnan(read.values).all())
 
 
 def _missing(n_time: int, fraction: float, run: float, rng: np.random.Generator) -> np.ndarray:

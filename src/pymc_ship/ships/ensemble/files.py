@@ -153,8 +153,7 @@ def _read_index(folder: Path) -> dict:
     """Index under the names of the present format; VesselError where it is unreadable or of another format."""
     try:
         index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
-        given = index.pop(_SUM, None)
-        whole = given is None or given == _checksum(folder, index)
+        whole = index.pop(_SUM, None) == _checksum(folder, index)
     except OSError as error:
         reason = error.strerror or error
         raise VesselError(f"{folder} holds no identified ship: {reason}; run `pymc-ship identify` first.") from None
@@ -162,8 +161,8 @@ def _read_index(folder: Path) -> dict:
         raise VesselError(f"{folder / _INDEX} cannot be read: {error!r}; run `pymc-ship identify` again.") from None
     if not whole:
         raise VesselError(
-            f"The identified ship in {folder} was damaged or changed, its checksum does not fit; copy it again or run "
-            "`pymc-ship identify` again."
+            f"The identified ship in {folder} was damaged or changed, its checksum does not fit or is missing; copy it "
+            "again or run `pymc-ship identify` again."
         )
     number, index = index.get("format"), _current_names(index)
     gear = {one.name for one in fields(Steering)}
