@@ -1,4 +1,4 @@
-"""Write the pages that come from the code: the public names by wing, and every command with its options.
+"""Write the pages that come from the code: the public names by district, and every command with its options.
 
 python docs/make_reference.py [FOLDER]
 """
@@ -17,37 +17,37 @@ from pymc_ship.cli.parser import parser
 
 API = """# API
 
-Public names after `import pymc_ship as ps`, by [wing](../explanation/architecture.md). Each name leads to its source;
-`make docs` builds this page with the whole docstrings.
+Public names after `import pymc_ship as ps`, by [district](../explanation/architecture.md). Links lead to the source;
+`make docs` adds the docstrings.
 """
 
 COMMANDS = """# Commands
 
-`pymc-ship COMMAND --help` prints the same. Wrong input ends with one sentence and exit status 2. Results appear under
-their name only when they are complete.
+`pymc-ship COMMAND --help` prints the same. Wrong input ends with one sentence and exit status 2. Defaults are in
+parentheses. [Durations](durations.md) of every command.
 
 ## Common words
 
 """
 
-COMMON = 3
+COMMON = 2
 """Commands from which on a word with the same meaning stands in the table of common words."""
 
 
 def api() -> str:
     """Page of the public names."""
     public = [getattr(ps, name) for name in ps.__all__ if name != "__version__"]
-    wings = dict.fromkeys(map(_wing, public))
+    districts = dict.fromkeys(map(_district, public))
     text = API
-    for wing in wings:
-        names = [value for value in public if _wing(value) == wing]
-        text += f"\n## {wing}\n\n" + "\n".join(map(_public_line, names)) + "\n"
+    for district in districts:
+        names = [value for value in public if _district(value) == district]
+        text += f"\n## {district}\n\n" + "\n".join(map(_public_line, names)) + "\n"
     return text
 
 
-def _wing(value) -> str:
-    """Dotted name of the folder that a public name stands in."""
-    return value.__module__.removeprefix("pymc_ship.").rpartition(".")[0]
+def _district(value) -> str:
+    """District of a public name."""
+    return value.__module__.split(".")[1]
 
 
 def _public_line(value) -> str:
@@ -73,7 +73,7 @@ def _words(command: argparse.ArgumentParser) -> list[argparse.Action]:
 
 def _command(name: str, command: argparse.ArgumentParser, rows: list, common: list) -> str:
     examples, remarks = _epilog(command.epilog)
-    shared = ", ".join(re.sub(r" \(needed\)", "", word) for word, text in rows if (word, text) in common)
+    shared = ", ".join(word for word, text in rows if (word, text) in common)
     own = _list([row for row in rows if row not in common])
     described = f"Common words: {shared}.\n" + (f"\n{own}" if own else "")
     return f"\n## {name}\n\n{_sentence(command.description)}\n\n```sh\n{examples}\n```\n\n{remarks}{described}"

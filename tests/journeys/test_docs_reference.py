@@ -89,14 +89,14 @@ def test_the_page_of_the_vessel_file_has_every_key():
 
 
 def test_the_page_of_the_vessel_file_has_every_range():
-    shown = rows(Page("docs/reference/vessel_toml.md"))
+    shown = [[cell.strip() for cell in cells] for cells in rows(Page("docs/reference/vessel_toml.md"))]
 
     def words(low, high):
         return "any" if np.isinf(high) else f"{low:.4g} to {high:.4g}"
 
     for rule in (*PARTICULARS, *INERTIA, *ROLL_COUPLINGS, *PROPELLER):
-        row = [f"`{rule.key}`", rule.what, words(*rule.possible), words(*rule.usual)]
-        assert row in [[cell.strip() for cell in cells] for cells in shown]
+        row = [rule.what, words(*rule.possible), words(*rule.usual)]
+        assert any(rule.key in code(key) and cells == row for key, *cells in shown)
 
 
 def test_the_page_of_the_format_file_has_every_key():

@@ -5,19 +5,17 @@ from __future__ import annotations
 SIMULATE = """examples:
   pymc-ship simulate container --zigzag 20/20 --noise 0.01 --out trial.csv
   pymc-ship simulate container --turn 35 --noise gnss,mems_gyro,mru,fluxgate_compass --out circle.csv
-  pymc-ship simulate my.toml --turn 35 --side starboard --duration 1200 --method rk4 --out circle.csv
 """
 DENOISE = """examples:
   pymc-ship denoise trial.csv --out smooth.csv
-  pymc-ship denoise trial.csv --wavelet db8 --prior cauchy --out smooth.csv
   pymc-ship denoise trial.csv --method rts --out smooth.csv
 """
 CHECK = """examples:
   pymc-ship check trial.csv --vessel container
   pymc-ship check trial.txt --format columns.toml --vessel my.toml --out corrected.csv
 
-exit status 3: a check is bad; the trial must not be fitted, and no corrected trial is written.
-exit status 4: the record is corrected, cut or doubtful; the sentence names the checks.
+exit status 3: a check is bad; no corrected trial is written.
+exit status 4: the record is corrected, cut or doubtful.
 """
 REGRESS = """examples:
   pymc-ship regress trial.csv --vessel container --out regressed
@@ -27,15 +25,13 @@ IDENTIFY = """examples:
   pymc-ship identify trials/*.csv --vessel my_ship.toml --out reports/my_ship
   pymc-ship identify zigzag.csv circle.csv --vessel kvlcc2 --format columns.toml --out reports/tanker
 
-exit status 3: a check of a trial is bad, and nothing is fitted. Run `pymc-ship check`, then correct the record or its
-format file, or overrule the check by its name.
+exit status 3: a check of a trial is bad; `pymc-ship check` names the remedy.
 """
 FIT = """examples:
   pymc-ship fit trial.csv --vessel container --out fitted
   pymc-ship fit zigzag.csv circle.csv --vessel my.toml --prior sister_ship --channels u,v,r,psi --out fitted
 """
-TUNE = """examples:
-  pymc-ship tune trial.csv --vessel container --dof sway --family conjugate
+TUNE = """example:
   pymc-ship tune trial.csv --vessel container --dof yaw --family semiconjugate --evaluations 60 --out prior.json
 """
 FORECAST = """examples:
@@ -47,24 +43,22 @@ FORECAST = """examples:
 DESIGN = """examples:
   pymc-ship design reports/my_ship --sea-room 3000 --wind 8/270 --out design
   pymc-ship design trajectory.nc --vessel container --n 2 --out design
-  pymc-ship design regressed --vessel my.toml --out design
 """
 MONTECARLO = """examples:
   pymc-ship montecarlo studies/container.toml --out reports/montecarlo
-  pymc-ship montecarlo studies/ships.toml --out reports/ships
   pymc-ship montecarlo my.toml --scheduler tcp://10.0.0.1:8786 --out grid
 """
 STUDY = """example:
   pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/container
 
-exit status 3: a convergence diagnostic or the agreement of the methods fails; the report is written.
+exit status 3: a convergence diagnostic or the agreement of the methods fails.
 """
 REPORT = """examples:
   pymc-ship report regressed/sway-conjugate.nc --vessel container --out diagnostics
   pymc-ship report reports/container/posteriors/sway-*-nuts.nc
 
-draws are compared with an exact posterior of the same data and prior, if it is given, too.
-exit status 3: a convergence diagnostic or the agreement fails; the report is written.
+draws are compared with an exact posterior of the same data and prior, if one is given.
+exit status 3: a convergence diagnostic or the agreement fails.
 """
 SCORE = """examples:
   pymc-ship score reports/my_ship circle.csv zigzag.csv --format columns.toml

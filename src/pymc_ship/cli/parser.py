@@ -111,19 +111,18 @@ def _add_simulate(commands: Commands) -> None:
     command.add_argument("--side", choices=SIDES, help="first side of a zigzag, or side of a turning circle (port)")
     command.add_argument("--speed", type=float, help="approach speed [m/s] (the vessel's nominal speed)")
     command.add_argument("--duration", type=float, default=400.0, help="duration [s] (%(default)s)")
-    command.add_argument("--step", type=float, default=0.02, help="integration and sampling step [s] (%(default)s)")
+    command.add_argument("--step", type=float, default=0.02, help="step [s] (%(default)s)")
     command.add_argument(
         "--method",
         choices=INTEGRATORS,
         default="euler",
-        help="integrator; dop853 controls its error and takes --step for the samples only (%(default)s)",
+        help="integrator; dop853 controls its error (%(default)s)",
     )
     command.add_argument(
         "--noise",
         type=noise,
-        help="noise level: sd over peak of sway, 0.3 of it for other channels, or `literal`; or instruments with "
-        "commas "
-        f"between: {', '.join(INSTRUMENTS)} (none)",
+        help="noise level: sd over peak of sway, 0.3 of it for other channels, or `literal`; or instruments: "
+        f"{', '.join(INSTRUMENTS)} (none)",
     )
     command.add_argument("--out", required=True, help="CSV file of the trial")
 
@@ -139,7 +138,7 @@ def _add_manoeuvres(command: argparse._ActionsContainer, text: str, **settings: 
 def _add_check(commands: Commands) -> None:
     command = _command(commands, "check", "check and correct a trial before a fit", examples.CHECK, seeded=False)
     _add_trial(command)
-    command.add_argument("--vessel", help="shipped vessel or TOML file (none: L/U is estimated from the tightest turn)")
+    command.add_argument("--vessel", help="shipped vessel or TOML file (none)")
     command.add_argument("--out", help="CSV file of the corrected trial (not written)")
 
 
@@ -150,7 +149,7 @@ def _add_denoise(commands: Commands) -> None:
         "--method",
         choices=DENOISE_METHODS,
         default="wavelet",
-        help="empirical-Bayes wavelets, or a smoother with an automatic parameter (%(default)s)",
+        help="smoother (%(default)s)",
     )
     command.add_argument("--wavelet", default="sym8", help="orthogonal wavelet of PyWavelets (%(default)s)")
     command.add_argument(
@@ -180,7 +179,7 @@ def _add_overrule(command: argparse._ActionsContainer) -> None:
         action="append",
         default=[],
         metavar="CHECK",
-        help="use a TRIAL with this bad check, such as `rudder sign`; the result records it; repeatable (none)",
+        help="use a TRIAL with this bad check, such as `rudder sign`; repeatable (none)",
     )
 
 
@@ -194,14 +193,13 @@ def _add_regression(command: argparse.ArgumentParser) -> None:
         "--interval",
         type=interval,
         default="auto",
-        help="interval of the rows [s], `all` samples or `auto` (%(default)s): about 1 s, or 0.22 L/U in the weak form",
+        help="interval of the rows [s], `all` or `auto` (%(default)s): about 1 s, in the weak form 0.22 L/U",
     )
     command.add_argument(
         "--derivative",
         choices=DERIVATIVES,
         default="euler",
-        help="derivative for the accelerations, or the weak form, which needs no derivative and no denoising "
-        "(%(default)s)",
+        help="derivative for the accelerations, or the weak form without derivative and denoising (%(default)s)",
     )
 
 
@@ -226,7 +224,7 @@ def _add_identify(commands: Commands) -> None:
         nargs="+",
         default=[],
         metavar=("FILE.toml", "TRIAL"),
-        help="runs of another basin: a format file with the key facility, then the trials; repeatable",
+        help="runs of another basin: its format file, then the trials; repeatable",
     )
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars, propeller if known")
     command.add_argument(
@@ -238,17 +236,13 @@ def _add_identify(commands: Commands) -> None:
     command.add_argument(
         "--prior",
         metavar="KIND",
-        help=f"prior of the coefficients: {', '.join(SHIP_PRIORS)} (captive tests of other hulls; wide about 0; "
-        "values of "
-        "the vessel file); or the folder of an earlier report, whose likelihood is added (the first with a draught "
-        "d in "
-        "the vessel file, otherwise the second)",
+        help=f"prior: {', '.join(SHIP_PRIORS)}; or the folder of an earlier report, whose likelihood is added "
+        "(hull_database with a draught d in the vessel file, otherwise order_damped)",
     )
     command.add_argument(
         "--captive",
         metavar="FILE",
-        help="captive tests of the model: speed, beta, r, delta, n and prime forces X', Y', N', one row for each "
-        "(none)",
+        help="captive tests: speed, beta, r, delta, n and prime forces X', Y', N' (none)",
     )
     command.add_argument(
         "--captive-format", metavar="FILE.toml", help="format file of --captive: signs, reference point, area, scale"
@@ -266,7 +260,7 @@ def _add_fit(commands: Commands) -> None:
         "--prior",
         choices=TRAJECTORY_PRIORS,
         default="order_damped",
-        help="prior of the coefficients: small for high orders, near the vessel file, or flat (%(default)s)",
+        help="prior of the coefficients (%(default)s)",
     )
     command.add_argument(
         "--channels",
@@ -278,7 +272,7 @@ def _add_fit(commands: Commands) -> None:
         "--noise-model",
         choices=NOISE_MODELS,
         default="auto",
-        help="noise model; auto chooses it by tests of the residuals (%(default)s)",
+        help="noise model; auto tests the residuals (%(default)s)",
     )
     command.add_argument(
         "--offsets", choices=("auto", "yes", "no"), default="auto", help="constant sensor offsets (%(default)s)"
@@ -308,7 +302,7 @@ def _add_source(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--vessel",
-        help="shipped vessel or TOML file, needed for a posterior: particulars and terms (the identified vessel)",
+        help="shipped vessel or TOML file, needed for a posterior (the identified vessel)",
     )
     command.add_argument(
         "--family", choices=FAMILIES, default="conjugate", help="prior family, for a folder of `regress` (%(default)s)"
@@ -335,7 +329,7 @@ def _add_forecast(commands: Commands) -> None:
         "--stop",
         type=float,
         metavar="RPS",
-        help="forecast a stopping test with these astern revolutions [1/s]; needs forces at any speed (none)",
+        help="forecast a stopping test with these astern revolutions [1/s] (none)",
     )
     command.add_argument("--draws", type=int, help="largest number of simulated draws (1000, for a posterior 300)")
     command.add_argument("--duration", type=float, help="duration [s] (40 L/U, for a posterior 400)")
@@ -345,7 +339,7 @@ def _add_forecast(commands: Commands) -> None:
     command.add_argument(
         "--facility",
         metavar="NAME",
-        help="facility with the steering gear and approach speed to use (that of most runs)",
+        help="facility of the steering gear and approach speed (that of most runs)",
     )
     command.add_argument("--side", choices=SIDES, help="first side (both, for a posterior port)")
     command.add_argument("--out", help="folder of the page (folder of the posterior)")
@@ -375,7 +369,7 @@ def _add_trial_report(commands: Commands) -> None:
     command.add_argument(
         "--full-load",
         metavar="VESSEL",
-        help="TOML file of the ship at full load, after a trial at another draught (none)",
+        help="TOML file of the ship at full load (none)",
     )
     command.add_argument("--out", required=True, help="folder of the page")
 
@@ -396,11 +390,9 @@ def _add_design(commands: Commands) -> None:
 def _add_montecarlo(commands: Commands) -> None:
     description = "run or continue a Monte-Carlo study, such as a grid of experiments"
     command = _command(commands, "montecarlo", description, examples.MONTECARLO, seeded=False)
-    command.add_argument(
-        "study", metavar="STUDY.toml", help="study file: a grid of experiments, or a study with the key study"
-    )
+    command.add_argument("study", metavar="STUDY.toml", help="study file: a grid or a population")
     command.add_argument("--workers", type=int, help="number of processes (one for each core)")
-    command.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler, to use its workers instead")
+    command.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers to use")
     command.add_argument("--out", required=True, help="folder of the results and the page")
 
 

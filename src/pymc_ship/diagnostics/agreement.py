@@ -25,7 +25,7 @@ _SAMPLE = ("chain", "draw")
 
 
 def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> xr.Dataset:
-    """Compare draws with the exact posterior of the same data and prior.
+    """Compare draws with the exact posterior.
 
     A z-score is the error of an estimate over its Monte Carlo standard error; for a quantile, of the fraction of draws
     below it. The limit on every ``|z|`` is the two-sided normal quantile at ``LEVEL`` over the number of comparisons.

@@ -34,7 +34,7 @@ def montecarlo(
     methods: Mapping[str, Method] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Run a Monte-Carlo study, or continue one, and write its tables and page.
+    """Run or continue a Monte-Carlo study.
 
     Every result is saved at once and not computed again. Seeds, levels, methods, manoeuvres and ships may be added. The
     tables of results do not depend on workers and interruptions.

@@ -15,11 +15,11 @@ class OutputError(ShipError):
 
 
 class VesselError(ShipError):
-    """A vessel file that cannot be used; the message names the key."""
+    """A vessel file that cannot be used."""
 
 
 class TrialError(ShipError):
-    """A record or the conditions of a sea trial that cannot be used.
+    """A record or conditions of a sea trial that cannot be used.
 
     Attributes
     ----------
@@ -33,15 +33,15 @@ class TrialError(ShipError):
 
 
 class SimulationError(ShipError):
-    """A manoeuvre, or settings of a simulation or of a design of trials, that cannot be used."""
+    """A manoeuvre, simulation or design of trials with unusable settings."""
 
 
 class InferenceError(ShipError):
-    """Regression data, a prior, folds or search settings that cannot be used."""
+    """Regression data, priors, folds or settings that cannot be used."""
 
 
 class FitError(ShipError):
-    """A fit of trajectories that cannot start or did not converge.
+    """A fit of trajectories that did not start or converge.
 
     Attributes
     ----------

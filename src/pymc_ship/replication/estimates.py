@@ -39,7 +39,7 @@ _DRAWS = 400
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
-    """Coefficients of all DOFs and the ends of their intervals of 90 and 50 %.
+    """Coefficients of all DOFs with intervals of 90 and 50 %.
 
     Attributes
     ----------

@@ -49,7 +49,7 @@ def study(
     seed: int = 2020,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Run the study and write its report, diagnostics, tables and posteriors.
+    """Run the paper's study and write its report.
 
     Parameters
     ----------

@@ -143,7 +143,7 @@ CHANNELS = {channel.name: channel for channel in _CHANNELS}
 
 
 def register_channel(channel: Channel) -> None:
-    """Add a channel, after the registered ones, to files, scaling, noise, denoising and pages, for this process.
+    """Register a channel.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ def sampling_interval(trial: xr.Dataset) -> float:
 
 
 def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
-    """Write the channels of a trial to CSV, without loss of digits; the file appears when it is complete.
+    """Write the channels of a trial to CSV, without loss of digits.
 
     Parameters
     ----------

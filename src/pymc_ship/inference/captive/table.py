@@ -41,7 +41,7 @@ _KEYS = {"rudder_positive", "reference", "forces", "froude", "facility", "delimi
 
 
 def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | Mapping | None = None) -> xr.Dataset:
-    """Read captive tests from a text file, plain or gzip: one row for each steady test.
+    """Read captive tests from a text file.
 
     Headings, with the unit in brackets: drift angle ``beta``, rudder angle ``delta``, yaw rate ``r`` (without a unit
     r' = r L / U), speed ``U`` or ``speed``, revolutions ``n``, ``rps`` or ``rpm``, and the prime forces ``X'``, ``Y'``

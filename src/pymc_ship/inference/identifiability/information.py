@@ -34,7 +34,7 @@ def identifiability(
     noise: Sequence[Noise] | None = None,
     initial_states: Sequence[np.ndarray] | None = None,
 ) -> xr.Dataset:
-    """How well runs determine every coefficient, before any fit.
+    """How well runs determine every coefficient.
 
     Parameters
     ----------

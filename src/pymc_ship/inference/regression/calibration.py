@@ -38,7 +38,7 @@ def simulation_based_calibration(
     draws: int = 99,
     rng: Seed,
 ) -> xr.Dataset:
-    """Ranks of the true parameters among posterior draws, with tests of uniformity by :func:`rank_p_value`.
+    """Ranks of true parameters among posterior draws, with tests of uniformity.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ FAMILIES: dict[str, type[Prior]] = {prior.family: prior for prior in (ConjugateP
 
 
 def register_family(prior_class: type[Prior]) -> type[Prior]:
-    """Register a prior family under its name in this process, for functions that take a name; a decorator of its class.
+    """Register a prior family under its name; a decorator of its class.
 
     InferenceError for a class without a name of its own, ``noise_power``, ``box`` and ``exact``.
     """

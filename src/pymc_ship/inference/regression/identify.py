@@ -141,7 +141,7 @@ def identify(
 def regression_draws(
     drawn: xr.Dataset, vessel: VesselLike, dof: str, *, interval: float | None = None, derivative: str = "euler"
 ) -> list[RegressionData]:
-    """Regression data of each draw of a denoised trial, dims (draw, time), from :func:`pymc_ship.denoise_draws`.
+    """Regression data of each draw of a denoised trial.
 
     The other arguments are those of :func:`pymc_ship.regression_data`. InferenceError without draws.
     """
@@ -153,7 +153,7 @@ def regression_draws(
 
 
 def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: int = 4000, rng: Seed) -> xr.Dataset:
-    """Coefficients under the mixture of the posteriors of all draws of the rows: multiple imputation of Rubin (1987).
+    """Coefficients pooled over draws of the rows: multiple imputation of Rubin (1987).
 
     Parameters
     ----------

@@ -22,10 +22,11 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 
 
 def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple[float, float]]) -> Prior:
-    """Prior with the given means and standard deviations of some coefficients, in the units of the original columns.
+    """Prior with given means and sds of some coefficients.
 
-    Under a conjugate prior the sd is the marginal one, (E[sigma2] V)^(1/2), and scales with the noise of the data: set
-    shape and scale to the expected noise, or use a semi-conjugate prior, whose sd does not depend on it.
+    Means and sds are in the units of the original columns. Under a conjugate prior the sd is the marginal one,
+    (E[sigma2] V)^(1/2), and scales with the noise of the data: set shape and scale to the expected noise, or use a
+    semi-conjugate prior, whose sd does not depend on it.
 
     Parameters
     ----------
@@ -75,10 +76,11 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
 
 
 def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionData:
-    """Regression data without some coefficients, fixed at known values: their part of the response is subtracted.
+    """Regression data without coefficients that are fixed at known values.
 
-    The other columns keep their scale; they lose their centres if the constant is fixed. A prior with vectors must be
-    made for the new data. :func:`restore_fixed` adds the coefficients to a posterior.
+    Their part of the response is subtracted. The other columns keep their scale; they lose their centres if the
+    constant is fixed. A prior with vectors must be made for the new data. :func:`restore_fixed` adds the coefficients
+    to a posterior.
 
     Parameters
     ----------
@@ -113,7 +115,7 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
 def restore_fixed(
     tree: xr.DataTree, values: Mapping[str, float], coefficients: Sequence[str] | None = None
 ) -> xr.DataTree:
-    """Posterior of :func:`hold_fixed` data with the fixed coefficients added as constants, ready for a forecast.
+    """Posterior of :func:`hold_fixed` data with the fixed coefficients added.
 
     A diagnostic report is of the free ones: the r-hat of a constant is not defined.
 
@@ -158,7 +160,7 @@ def restore_fixed(
 
 
 def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0.3) -> Prior:
-    """Prior whose scale falls with the order of the term: kappa_j = kappa damping^(2 (order_j - 1)).
+    """Prior whose scale falls with the order of the term.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _MOST_ROWS = 8  # coefficients in the text of a posterior
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prior(ABC):
-    """Prior of scaled coefficients and noise variance; each family of priors is a subclass.
+    """Prior of scaled coefficients and noise variance.
 
     Given sigma2 the scaled coefficients are independent and normal, with variance ``kappa sigma2^noise_power``. A new
     family defines the attributes and ``exact``; :func:`~pymc_ship.inference.regression.families.register_family`.

@@ -36,10 +36,10 @@ def _draw_given_noise(rng: np.random.Generator, noise_variance: np.ndarray, s: n
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SemiConjugatePrior(Prior):
-    """Semi-conjugate prior: beta ~ N(mean, V), sigma2 ~ IG(shape, scale), independent; Xue et al. (2020), Eq. 18.
+    """Semi-conjugate prior: beta ~ N(mean, V), sigma2 ~ IG(shape, scale), independent.
 
-    Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`; the prior variance of scaled
-    coefficients is kappa.
+    Xue et al. (2020), Eq. 18. Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`; the prior
+    variance of scaled coefficients is kappa.
     """
 
     family = "semiconjugate"

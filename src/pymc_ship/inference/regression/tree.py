@@ -186,7 +186,7 @@ def provenance(work: str) -> dict[str, str]:
 
 
 def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
-    """Write a posterior to NetCDF (``.nc``) or Zarr (``.zarr``), with a checksum that :func:`read_posterior` verifies.
+    """Write a posterior to NetCDF (``.nc``) or Zarr (``.zarr``), with a checksum.
 
     Raises
     ------
@@ -252,7 +252,10 @@ def _is_writable(value: Any) -> bool:
 
 
 def read_posterior(path: str | Path) -> xr.DataTree:
-    """Posterior from a file of :func:`write_posterior`, ``to_netcdf`` or ``to_zarr``; ValueError if there is none."""
+    """Read a posterior from NetCDF or Zarr.
+
+    ValueError if there is none.
+    """
     path = Path(path)
     settle(path.parent)
     if not path.exists():

@@ -153,7 +153,9 @@ def tune_prior(
 def maximise_evidence(
     data: RegressionData, family: str = "conjugate", *, box: dict[str, tuple[float, float]] | None = None
 ) -> tuple[Prior, float]:
-    """Prior of maximum evidence (empirical Bayes) in a box, plus the log of a weak hyperprior of its shape.
+    """Prior of maximum evidence (empirical Bayes) in a box.
+
+    The log of a weak hyperprior of the shape is added.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ FEWEST_ROWS = 4
 
 @dataclass(frozen=True, repr=False)
 class RegressionData:
-    """Regression data of one response in original units, with the scaling of its prior.
+    """Regression data of one response.
 
     With s_j, c_j the scale and centre of column j and s, c those of the response, the scaled coefficients b* obey
     (y - c)/s = sum_j b*_j (x_j - c_j)/s_j + e, and b = offset + T b*. Columns are centred if one column is constant.

@@ -35,7 +35,7 @@ def regression_data(
     interval: float | None = None,
     derivative: str = "euler",
 ) -> RegressionData:
-    """Design matrix and response of one degree of freedom, from one trial or several; Xue et al. (2020), Eq. 6, 21.
+    """Design matrix and response of one degree of freedom; Xue et al. (2020), Eq. 6, 21.
 
     Differences need a denoised trial. The weak form takes the trial as measured: its rows are means under test
     functions of 0.55 L/U. Rows closer than 0.22 L/U share noise, which the posterior ignores: too narrow intervals.

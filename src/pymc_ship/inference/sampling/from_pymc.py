@@ -31,7 +31,7 @@ def posterior_tree(
     prior: Prior | None = None,
     rng: Seed | None = None,
 ) -> xr.DataTree:
-    """Posterior tree of the draws of a custom PyMC model, for diagnostics, files and forecasts.
+    """Posterior tree of the draws of a custom PyMC model.
 
     Parameters
     ----------

@@ -102,7 +102,7 @@ def hierarchical_posterior(
     rng: Seed,
     progress: bool = False,
 ) -> xr.DataTree:
-    """Posterior of :func:`hierarchical_model`: NUTS for sd and noise variances, exact draws of the coefficients.
+    """Posterior of :func:`hierarchical_model` by NUTS.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
 def with_predictive(
     tree: xr.DataTree, data: RegressionData, prior: Prior, *, rng: Seed, draws: int = PREDICTIVE_DRAWS
 ) -> xr.DataTree:
-    """Posterior with the groups of ArviZ's prior and posterior predictive checks.
+    """Posterior with prior and posterior predictive groups.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from pymc_ship.machine.errors import InferenceError
 
 
 def horseshoe(data: RegressionData, given: dict, *, effective: float | None = None, slab: float = 10.0) -> tuple:
-    """Regularised horseshoe: shrinks most coefficients towards zero, the others only by a slab.
+    """Regularised horseshoe: shrinks most coefficients towards zero.
 
     b_j ~ N(0, tau^2 l_j^2), l_j^2 = c^2 lambda_j^2 / (c^2 + tau^2 lambda_j^2), lambda_j ~ C+(0, 1),
     tau ~ C+(0, tau_0), c^2 ~ IG(2, 2 slab^2 sigma2), tau_0 = p_0 / (p - p_0) sigma / sqrt(n).
@@ -59,7 +59,7 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
 
 
 def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: float = 2.0, share: float = 0.5) -> tuple:
-    """R2-D2: a beta prior of the coefficient of determination, divided among the coefficients by a Dirichlet.
+    """R2-D2: a beta prior of the coefficient of determination.
 
     R2 ~ Beta(mean precision, (1 - mean) precision), phi ~ Dirichlet(share, ...), b_j ~ N(0, sigma2 phi_j R2/(1 - R2)).
 

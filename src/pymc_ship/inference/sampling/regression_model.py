@@ -37,7 +37,9 @@ _NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
 
 
 def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Callable = "normal") -> pm.Model:
-    """PyMC model of the regression; its log density is that of prior and original response.
+    """PyMC model of the regression.
+
+    Its log density is that of prior and original response.
 
     Parameters
     ----------

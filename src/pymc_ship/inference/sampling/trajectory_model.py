@@ -34,7 +34,7 @@ def trajectory_model(
     prior: str | CoefficientPrior = "order_damped",
     **settings: Any,
 ) -> pm.Model:
-    """PyMC model of whole trajectories about their mode, with the noise of :func:`pymc_ship.trajectory_posterior`.
+    """PyMC model of whole trajectories.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def trajectory_nuts_posterior(
     rng: Seed,
     **settings: Any,
 ) -> xr.DataTree:
-    """Posterior of whole trajectories by NUTS, for a Pareto k-hat of :func:`pymc_ship.trajectory_posterior` above 0.7.
+    """Posterior of whole trajectories by NUTS.
 
     A draw costs about ten simulations with sensitivities.
 

@@ -37,7 +37,7 @@ def trajectory_posterior(
     rng: Seed,
     **settings: Any,
 ) -> xr.DataTree:
-    """Posterior of all coefficients of a vessel from whole trajectories (output-error method, Laplace approximation).
+    """Posterior of all coefficients from whole trajectories (output-error method, Laplace approximation).
 
     Draws are not weighted; for a Pareto k-hat above 0.7 use :func:`pymc_ship.trajectory_nuts_posterior`.
 

@@ -111,7 +111,7 @@ def coefficient_prior(
     table: Mapping[str, tuple[float, float]] | None = None,
     relative_sd: float = 0.3,
 ) -> CoefficientPrior:
-    """Prior of all coefficients by kind, overridden by a table or the vessel file.
+    """Prior of all coefficients of a vessel, by kind.
 
     Parameters
     ----------

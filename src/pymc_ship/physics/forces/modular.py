@@ -42,7 +42,7 @@ Matrix = tuple[tuple[float, ...], ...]
 
 
 def register_part(part: Part) -> None:
-    """Add a part to vessel files, simulator, fits and forecasts, for this process, after the registered parts.
+    """Register a part of the force.
 
     VesselError if its name is taken.
     """

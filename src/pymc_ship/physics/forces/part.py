@@ -129,9 +129,10 @@ Formula = Callable[[Ship, Motion, Mapping[str, Expression], dict[str, Expression
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a ship's force: ``parameters(ship)`` are typical values, ``force`` is a :data:`Formula`.
+    """A part of a ship's force.
 
-    A ship has at most one part of each ``role``, such as ``"hull"`` or ``"rudder"``.
+    ``parameters(ship)`` are typical values, ``force`` is a :data:`Formula`. A ship has at most one part of each
+    ``role``, such as ``"hull"`` or ``"rudder"``.
     """
 
     name: str

@@ -16,7 +16,7 @@ CONFORMANCE_PROBABILITY = 0.95  # probability from which a forecast states confo
 
 
 def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, Any]]:
-    """Probability of conformity with each criterion of IMO MSC.137(76) that applies to a forecast.
+    """Probability of conformity with each criterion of IMO MSC.137(76).
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from pymc_ship.trial.record import as_trial, check_trial
 
 
 def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
-    """Manoeuvring indices of a trial or of a batch of simulated ships, as of IMO resolution MSC.137(76).
+    """Manoeuvring indices of IMO MSC.137(76), of a trial or of simulated ships.
 
     Parameters
     ----------

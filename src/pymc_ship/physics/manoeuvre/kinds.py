@@ -34,9 +34,10 @@ Limit = tuple[str, float, str]  # index, largest value that IMO MSC.137(76) allo
 
 @dataclass(frozen=True)
 class Index:
-    """One index of a kind of manoeuvre: ``quantity`` is a key of :data:`UNITS`, ``needs`` are the channels.
+    """One index of a kind of manoeuvre.
 
-    A ``scored`` index, of :data:`SCORED_QUANTITIES`, is compared on held-out runs; a ``signed`` one can be negative.
+    ``quantity`` is a key of :data:`UNITS`, ``needs`` are the channels. A ``scored`` index, of
+    :data:`SCORED_QUANTITIES`, is compared on held-out runs; a ``signed`` one can be negative.
     """
 
     quantity: str

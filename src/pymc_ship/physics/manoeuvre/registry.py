@@ -17,7 +17,7 @@ KINDS = {kind.name: kind for kind in (ZIGZAG, TURNING_CIRCLE, PULL_OUT, RUDDER_P
 
 
 def register_manoeuvre(kind: ManoeuvreKind) -> None:
-    """Make a kind of manoeuvre known to the simulator, the indices, forecasts, grids and the command line.
+    """Register a kind of manoeuvre.
 
     SimulationError if another kind has its name or option. ``del KINDS[kind.name]`` removes it again.
     """

@@ -20,7 +20,7 @@ _STEP = 0.1  # s, duration of a step of the order from one angle to the next
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """A manoeuvre of a registered kind, from a straight course at time 0.
+    """A manoeuvre of a registered kind.
 
     ``rudder_deg`` and ``heading_deg`` (switching heading) are magnitudes, ``side`` is turned to first; an
     ``approach_speed`` [m/s] of None is the nominal speed. ``time`` and ``delta`` [s, rad] are breakpoints of a rudder
@@ -116,7 +116,7 @@ def written_manoeuvre(text: str) -> Manoeuvre | None:
 def zigzag(
     rudder_deg: float, heading_deg: float, *, side: str = "port", approach_speed: float | None = None
 ) -> Manoeuvre:
-    """Zigzag test rudder_deg/heading_deg: the rudder is reversed each time the heading has changed by heading_deg.
+    """Zigzag test: the rudder is reversed when the heading has changed by heading_deg.
 
     Parameters
     ----------
@@ -143,7 +143,9 @@ def zigzag(
 
 
 def turning_circle(rudder_deg: float = 35.0, *, side: str = "port", approach_speed: float | None = None) -> Manoeuvre:
-    """Turning circle with constant rudder from time 0; parameters and errors as :func:`zigzag`.
+    """Turning circle with constant rudder from time 0.
+
+    Parameters and errors as :func:`zigzag`.
 
     Examples
     --------
@@ -157,7 +159,7 @@ def turning_circle(rudder_deg: float = 35.0, *, side: str = "port", approach_spe
 def pull_out(
     rudder_deg: float = 20.0, heading_deg: float = 90.0, *, side: str = "port", approach_speed: float | None = None
 ) -> Manoeuvre:
-    """Pull-out: a turn with constant rudder, which is put amidships at a change of heading of heading_deg.
+    """Pull-out: a turn until the heading has changed by heading_deg, then rudder amidships.
 
     Parameters and errors as :func:`zigzag`; heading_deg up to 720 deg.
 
@@ -173,7 +175,7 @@ def pull_out(
 def direct_spiral(
     rudder_deg: float = 15.0, step_deg: float = 5.0, *, hold: float, approach_speed: float | None = None
 ) -> Manoeuvre:
-    """Direct spiral: rudder angles from rudder_deg on one side to the other and back, each for a steady turn.
+    """Direct spiral: steady turns from rudder_deg on one side to the other and back.
 
     Parameters
     ----------
@@ -225,12 +227,12 @@ def stepped_rudder_programme(
 def rudder_programme(
     time: np.ndarray, delta: np.ndarray, *, rate_limited: bool = True, approach_speed: float | None = None
 ) -> Manoeuvre:
-    """Rudder angle as a function of time, linear between breakpoints and constant after the last.
+    """Rudder angle over time, linear between breakpoints.
 
     Parameters
     ----------
     time : array_like, shape (n,)
-        [s], increasing, from 0.
+        [s], increasing, from 0; the last angle stays.
     delta : array_like, shape (n,)
         [rad], positive turns to port.
     rate_limited : bool, optional

@@ -134,7 +134,7 @@ def simulate(
     current: tuple[float, float] | None = None,
     tolerance: float = 1e-9,
 ) -> xr.Dataset:
-    """Simulate a manoeuvre, by default from a straight course at the approach speed.
+    """Simulate a manoeuvre.
 
     Parameters
     ----------

@@ -98,9 +98,10 @@ def supports_part_sets(vessel: Vessel) -> bool:
 
 
 def term_sets(vessel: VesselLike) -> tuple[str, ...]:
-    """Names of the term sets that suit a vessel, its own terms first if no set contains them all.
+    """Names of the term sets that suit a vessel.
 
-    Part sets need a draught and no terms of roll; sets with loading need a propeller, the others have none.
+    Own terms come first if no set contains them all. Part sets need a draught and no terms of roll; sets with loading
+    need a propeller, the others have none.
 
     Examples
     --------
@@ -127,7 +128,7 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
 
 
 def with_terms(vessel: VesselLike, name: str) -> Vessel:
-    """Vessel with the terms of a set instead of its own.
+    """Vessel with the terms of a set.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ class Windage:
 
 @dataclass(frozen=True)
 class Vessel:
-    """A manoeuvring model: particulars, prime inertia, added mass, coefficients of each DOF, optional propeller.
+    """A manoeuvring model of a ship.
 
     Forces are polynomial terms with ``forces``, or sums of ``parts`` with ``parameters``; a DOF without both is to be
     identified. ``derived`` has the method for each estimated quantity, by its key in the file.

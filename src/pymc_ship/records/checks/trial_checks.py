@@ -31,7 +31,7 @@ def trial_checks(
     lag: VelocityLag | None = None,
     any_speed: bool = False,
 ) -> tuple[Check, ...]:
-    """Check a trial: record, kinematic closure, rudder, revolutions, wind, approach and excitation.
+    """Check a trial.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def validated_trial(
     lag: VelocityLag | None = None,
     any_speed: bool = False,
 ) -> xr.Dataset:
-    """Validated trial: checked, corrected, and with quality flags, as every command makes it before a fit.
+    """Validated trial: checked, corrected, with quality flags.
 
     Parameters
     ----------

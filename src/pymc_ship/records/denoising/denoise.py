@@ -118,7 +118,7 @@ def denoise_signal(
     levels: int | None = None,
     boundary: str = "reflect",
 ) -> np.ndarray:
-    """Denoise a uniformly sampled signal, by empirical-Bayes thresholding of its wavelet coefficients or a smoother.
+    """Denoise a uniformly sampled signal.
 
     Every level of detail has its own weight and scale; the noise sd is 1.4826 times the median absolute deviation,
     about the median, of the finest level where the signal moves, and at least step / 12^(1/2) for rounded values. A

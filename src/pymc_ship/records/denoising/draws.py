@@ -27,7 +27,7 @@ def denoise_draws(
     channels: Sequence[str] | None = None,
     **options: Any,
 ) -> xr.Dataset:
-    """Draw the motion channels of a trial from the posterior behind :func:`pymc_ship.denoise`.
+    """Draw motion channels from the posterior behind :func:`pymc_ship.denoise`.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def denoise_signal_draws(
     rng: Seed,
     **options: Any,
 ) -> np.ndarray:
-    """Draw a signal from the posterior behind :func:`pymc_ship.denoise_signal`, shape (draws, n_time).
+    """Draw a signal from the posterior behind :func:`pymc_ship.denoise_signal`.
 
     In one orthogonal wavelet basis the spike-and-slab posterior is exact. Translation invariant, each draw takes one
     shift at random (Coifman & Donoho 1995, doi:10.1007/978-1-4612-2544-7_9). Noise sd and priors count as known.

@@ -28,10 +28,11 @@ class Noise(Protocol):
 
 @dataclass(frozen=True)
 class Instrument:
-    """Readings of one instrument; channels that a trial lacks are ignored.
+    """Readings of one instrument.
 
-    A reading is the clean channel at the true instant, plus white noise, rounded to the resolution; its time stamp is
-    nominal. Missing samples come in runs of geometric length and are NaN in all channels of the instrument.
+    Channels that a trial lacks are ignored. A reading is the clean channel at the true instant, plus white noise,
+    rounded to the resolution; its time stamp is nominal. Missing samples come in runs of geometric length and are NaN
+    in all channels of the instrument.
 
     Attributes
     ----------

@@ -75,7 +75,9 @@ def pollute(
     rng: Seed,
     factors: Mapping[str, float] | None = None,
 ) -> xr.Dataset:
-    """Add white Gaussian noise of standard deviation level * k * max|channel| to each channel, or another kind.
+    """Add noise to the channels of a trial.
+
+    A level means white Gaussian noise of sd level * k * max|channel|.
 
     Parameters
     ----------

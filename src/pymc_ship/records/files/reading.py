@@ -28,7 +28,7 @@ _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inve
 
 
 def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a trial from a text file, plain or gzip.
+    """Read a trial from a text file.
 
     Columns are recognised by their headings: names of channels, in SI units unless stated (``u``, ``psi [deg]``,
     ``n_rpm``), or words such as ``Heading (deg)``. Uneven time and short gaps are interpolated, and reported.

@@ -46,7 +46,7 @@ class Steering:
 
 
 def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Manoeuvre | None], Steering]:
-    """Recognise standard manoeuvres in trials, and measure rate and delay of the rudder.
+    """Recognise standard manoeuvres in trials, with rate and delay of the rudder.
 
     Parameters
     ----------

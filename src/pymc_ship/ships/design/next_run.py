@@ -91,7 +91,7 @@ def design(
     draws: int = 400,
     progress: Callable[[str], None] = lambda _: None,
 ) -> xr.Dataset:
-    """Next runs of a ship: those that reduce the intervals of the target manoeuvres most.
+    """Next runs that reduce the intervals of target manoeuvres most.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ def write_forecast_page(
     command: str = "",
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Write the page of forecasts with its figures and tables.
+    """Write the page of forecasts.
 
     Parameters
     ----------

@@ -30,7 +30,9 @@ _LONGEST = 0.2  # change of an unknown in one step: of the speed, or rad
 
 
 def steady_turns(ship: ShipLike) -> xr.Dataset:
-    """Speed, drift and rudder angle of each draw in steady turns, at the revolutions of the nominal speed.
+    """Speed, drift and rudder angle of each draw in steady turns.
+
+    Revolutions are those of the nominal speed.
 
     Parameters
     ----------

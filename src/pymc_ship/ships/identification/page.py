@@ -128,7 +128,7 @@ def write_ship_report(
     given: Vessel | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Write the page of an identified ship with its figures and tables.
+    """Write the page of an identified ship.
 
     Parameters
     ----------

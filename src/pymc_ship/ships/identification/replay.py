@@ -43,7 +43,7 @@ def replay(
     draws: int = 200,
     ci_prob: float = 0.9,
 ) -> xr.DataTree:
-    """Simulate a ship along the measured inputs of a record, from its measured state.
+    """Simulate a ship along the measured inputs of a record.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def score(
     draws: int = 100,
     ci_prob: float = 0.9,
 ) -> xr.Dataset:
-    """Score of replays in windows, each restarted from the measured state.
+    """Score of replays in windows.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def score_indices(
     draws: int = 200,
     rng: Seed,
 ) -> xr.Dataset:
-    """Measured indices of recorded standard manoeuvres, and forecasts of a ship.
+    """Measured and forecast indices of recorded manoeuvres.
 
     Parameters
     ----------

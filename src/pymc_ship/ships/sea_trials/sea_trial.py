@@ -75,7 +75,7 @@ def sea_trial(
     rng: Seed,
     progress: Callable[[str], None] = lambda _: None,
 ) -> SeaTrial:
-    """Measure and correct the indices of a sea trial (IMO MSC/Circ.1053).
+    """Indices of a sea trial, measured and corrected (IMO MSC/Circ.1053).
 
     Parameters
     ----------
