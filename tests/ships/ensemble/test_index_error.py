@@ -80,6 +80,11 @@ def harder(error, beyond=1.0, **known):
     return row("angle", error, **known) | {"beyond": beyond}
 
 
+def relative_error(ratio):
+    """Error e of a ratio 1 + e, or 1 / (1 - e) of a negative one."""
+    return np.maximum(ratio, 1.0) - np.maximum(1.0 / ratio, 1.0)
+
+
 class TestExtrapolationGrowth:
     ERRORS = MappingProxyType({"angle": np.zeros(SIZES)})
 
@@ -271,7 +276,7 @@ class TestWithModelError:
         assert float(after["steady_speed"].std()) == pytest.approx(
             20.0 * MOTION_EXTRAPOLATION_SD["u"] * 7.974, rel=MONTE_CARLO
         )
-        diameter = np.log(after["steady_turning_diameter"] / before["steady_turning_diameter"])
+        diameter = relative_error(after["steady_turning_diameter"] / before["steady_turning_diameter"])
         speed, rate = (
             7.974 / float(before["steady_speed"][0]),
             np.rad2deg(7.974 / 320.0 / float(before["steady_yaw_rate"][0])),
@@ -303,6 +308,15 @@ class TestWithModelError:
             share = float(np.mean(np.abs(after[name] - before[name]) > 3.0 * 2.0 * unit))
             assert share == pytest.approx(0.5 * (0.0027 + 0.6682), abs=4.0 * 0.5 / np.sqrt(N)), name
 
+    def test_a_diameter_has_a_mean_however_large_the_growth(self):
+        """Its exponential had one of 1e126 of ships with rudder stall."""
+        before = ships(TURNING_CIRCLE)
+        after = with_model_error(before, {}, tanker(), RNG(2), beyond=20.0, growth=np.array([1.0, 300.0]))
+        ratio = after["steady_turning_diameter"] / before["steady_turning_diameter"]
+        speed, rate = (float(after[name].std() / before[name][0]) for name in ("steady_speed", "steady_yaw_rate"))
+        assert float(np.abs(relative_error(ratio)).max()) < 10.0 * np.hypot(speed, rate)
+        assert float(ratio.min()) > 0.0
+
     def test_steady_values_err_as_the_motion_of_held_out_runs_does_once_it_has_settled(self):
         """Prime errors of u, r and v."""
         errors = steady_error({"u": np.array([0.02]), "v": np.array([0.03]), "r": np.array([0.04]), "x": np.ones(1)})
@@ -314,7 +328,7 @@ class TestWithModelError:
         for name, sd in (wanted | {"steady_drift_angle": np.rad2deg(0.03)}).items():
             assert float(after[name].std()) == pytest.approx(sd, rel=MONTE_CARLO), name
         relative = np.hypot(*(wanted[name] / float(before[name][0]) for name in wanted))
-        diameter = np.log(after["steady_turning_diameter"] / before["steady_turning_diameter"])
+        diameter = relative_error(after["steady_turning_diameter"] / before["steady_turning_diameter"])
         assert float(diameter.std()) == pytest.approx(relative, rel=MONTE_CARLO)
         assert float(diameter.mean()) == pytest.approx(0.0, abs=4.0 * relative / np.sqrt(N))
         assert after["advance"].identical(before["advance"])

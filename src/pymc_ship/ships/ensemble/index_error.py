@@ -191,7 +191,10 @@ def with_model_error(
     beyond: float = 0.0,
     growth: np.ndarray | float = 1.0,
 ) -> xr.Dataset:
-    """Simulated indices with a normal model error, at least 0 where unsigned; that of a diameter is of its logarithm.
+    """Simulated indices with a normal model error, at least 0 where unsigned; that of a diameter is of its ratio.
+
+    A relative error e > 0 makes a diameter 1 + e times as large, -e as many times smaller: the law of a large growth
+    keeps a mean.
 
     Parameters
     ----------
@@ -217,7 +220,8 @@ def with_model_error(
             return variable
         error = size * rng.standard_normal(size.size)
         if index.quantity == "diameter":
-            return variable * np.exp(error / variable)
+            ratio = 1.0 + abs(error / variable)
+            return variable * ratio.where(error > 0.0, 1.0 / ratio)
         return variable + error if index.signed else (variable + error).clip(min=0.0)
 
     return simulated_indices.map(with_error, keep_attrs=True)
