@@ -200,7 +200,6 @@ def of_foreign_ships():
 
 def of_model_error():
     """Sentences of the page on the model error."""
-    near, far = rows("distances")["1 to 3 ranges beyond"], rows("distances")["further"]
     angle, time, distance = (value("index_typical", kind) for kind in ("angle", "time", "distance"))
     u, v, r, psi, x = (value("motion_typical", name) for name in ("u", "v", "r", "psi", "x"))
     held_out = table("kvlcc2/tables/held_out_indices")
@@ -212,9 +211,7 @@ def of_model_error():
         f"| time | L/U | {time} |",
         f"| distance | L | {distance} |",
         f"| angle of roll | itself | {constants()['index_typical'].value['roll']:.3f} |",
-        f"an error with an sd of {value('index_extrapolation_sd')} more",
-        f"{share(near, 95)} % of the indices that lie 1 to 3 ranges beyond the runs and {share(far, 95)} % of those "
-        "further on.",
+        f"whose median adds an sd of {value('index_extrapolation_sd')} for each range",
         f'Of {TRIALS} statements "at most" or "at least"',
         f"{HITS} were right. A forecast therefore states at most {SUREST}",
         f"are {u} of the nominal speed for u and {v} for v. For the yaw rate they are {r} U/L, for the heading {psi} "
