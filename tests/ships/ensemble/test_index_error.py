@@ -22,6 +22,7 @@ from pymc_ship.ships.ensemble.index_error import (
     LIKELIHOOD_WEIGHT,
     TYPICAL,
     extrapolation_growth,
+    growth_at,
     index_sd,
     model_error,
     reliability,
@@ -380,3 +381,25 @@ def test_the_calibration_counts_are_those_of_the_study():
         ]
     assert int(row["statements"]) == CALIBRATION_TRIALS
     assert round(float(row["share"]) * CALIBRATION_TRIALS) == CALIBRATION_HITS
+
+
+class TestGrowthAt:
+    measured = np.full(SIZES, 0.5)
+
+    @pytest.mark.parametrize(("measured", "beyond"), [(0.0, 3.0), (1.0, 0.0), (1.0, 1.0), (4.0, 3.0)])
+    def test_it_is_that_of_the_harder_runs_as_far_as_they_went(self, measured, beyond):
+        assert np.array_equal(growth_at(self.measured, measured, beyond), self.measured)
+
+    @pytest.mark.parametrize(("beyond", "part"), [(2.0, 0.5), (10.0, 0.9)])
+    def test_past_them_the_growth_of_other_ships_is_added(self, beyond, part):
+        """Harder runs without a stall of the rudder do not exclude one further on."""
+        added = np.sqrt(growth_at(self.measured, 1.0, beyond) ** 2 - 0.5**2)
+        assert np.quantile(added, [0.25, 0.5, 0.9]) == pytest.approx(
+            part * np.tan(0.5 * np.pi * np.array([0.25, 0.5, 0.9])), rel=0.05
+        )
+
+    def test_it_does_not_depend_on_the_measured_growth(self):
+        measured = np.linspace(0.0, 1.0, SIZES)
+        added = np.sqrt(growth_at(measured, 1.0, 2.0) ** 2 - measured**2)
+        ranks = np.argsort(np.argsort(added))
+        assert abs(np.corrcoef(ranks, np.arange(SIZES))[0, 1]) < 0.1

@@ -24,7 +24,14 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.draws import Models, suitable_models, thinned_draws
-from pymc_ship.ships.ensemble.index_error import equivalent_sd, error_sizes, measurement_sd, model_error, steady_error
+from pymc_ship.ships.ensemble.index_error import (
+    equivalent_sd,
+    error_sizes,
+    measurement_sd,
+    model_error,
+    paired,
+    steady_error,
+)
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.motion_error import SIZES, motion_error
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
@@ -49,7 +56,6 @@ _INSIDE = 0.95  # probability of intervals, and fraction of the draws inside the
 _ROUNDS = np.deg2rad(540.0)  # change of heading at the end of a circle
 _SWINGS = 3  # swings of a zigzag
 _POINTS = 64  # points of a track
-_PAIRED = np.arange(SIZES) * 0.5 * (np.sqrt(5.0) - 1.0) % 1.0  # spread evenly over each part of the other law
 _FAR, _TINY = 1e3, 1e-12  # distance [sd] of a draw without an index, and least half width
 _QUANTILE = float(ndtri(0.5 + 0.5 * _INSIDE))
 
@@ -194,7 +200,7 @@ class _Design:
 
     vessel: Vessel
     errors: Mapping[str, np.ndarray]  # sizes of the model error by kind
-    growth: np.ndarray  # of this error beyond the motion
+    growth: Callable[[float], np.ndarray]  # of this error at a distance beyond the motion
     rows: Sequence[Mapping]  # held-out indices
     targets: Sequence[tuple[_Run, list[str]]]  # runs with the names of their target indices
     target_values: np.ndarray  # (n_draws, n_targets)
@@ -208,7 +214,7 @@ class _Design:
         middle = run.indices[list(names)].median("draw", keep_attrs=True).expand_dims(draw=SIZES)
         beyond = float(np.nanmax(extrapolation(self.vessel, self._central_motion(run), motion)["distance"]))
         quantile = (np.arange(SIZES) + 0.5) / SIZES
-        laws = {"quantile": quantile, "growth": self.growth, "growth_quantile": _PAIRED}
+        laws = {"quantile": quantile, "growth": self.growth(beyond), "growth_quantile": paired(SIZES)}
         sizes = error_sizes(middle, self.errors, self.vessel, beyond=beyond, **laws)
         return np.array([sizes[name] for name in names])
 
@@ -270,7 +276,7 @@ def _design(ship: Ship, vessel: Vessel, runs: Sequence[_Run]) -> _Design:
     return _Design(
         vessel=vessel,
         errors=errors,
-        growth=ship.extrapolation_growth,
+        growth=ship.growth_at,
         rows=list(index_rows(ship.held_out_indices)),
         targets=targets,
         target_values=target_values,

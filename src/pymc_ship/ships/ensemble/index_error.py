@@ -8,6 +8,7 @@ Half-Cauchy prior of its sd over ships (Gelman 2006, doi:10.1214/06-BA117A) with
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,27 @@ def extrapolation_growth(rows: Sequence[Mapping], errors: Mapping[str, np.ndarra
         variance = known_variance + errors[row["kind"]][:, None] ** 2 + (typical * SIZE_GRID) ** 2
         log_likelihood -= 0.5 * LIKELIHOOD_WEIGHT * (np.log(variance) + error**2 / variance)
     return equal_sizes(SIZE_GRID, normalised_law(logsumexp(log_likelihood, axis=0)))
+
+
+def growth_at(growth: np.ndarray, measured: float, beyond: float) -> np.ndarray:
+    """Growths (SIZES,) at a distance beyond the runs, from those of :func:`extrapolation_growth`.
+
+    Harder runs measure the growth up to their own distance ``measured``. Past it another growth, of the prior over
+    ships, is added in quadrature: a rudder may stall there. Without harder runs ``measured`` is 0.
+    """
+    if not measured or beyond <= measured:
+        return growth
+    return np.hypot(growth, (1.0 - measured / beyond) * np.quantile(_growth_of_ships(), paired(growth.size)))
+
+
+def paired(size: int) -> np.ndarray:
+    """Probabilities (size,) that pair a law with another, spread evenly over each part of it."""
+    return np.arange(size) * 0.5 * (np.sqrt(5.0) - 1.0) % 1.0
+
+
+@cache
+def _growth_of_ships() -> np.ndarray:
+    return extrapolation_growth((), {})
 
 
 def scaled_error(row: Mapping) -> tuple[float, float]:
@@ -220,8 +242,8 @@ def with_model_error(
             return variable
         error = size * rng.standard_normal(size.size)
         if index.quantity == "diameter":
-            ratio = 1.0 + abs(error / variable)
-            return variable * ratio.where(error > 0.0, 1.0 / ratio)
+            ratio = 1.0 + np.abs(error / variable.values)
+            return variable * np.where(error > 0.0, ratio, 1.0 / ratio)
         return variable + error if index.signed else (variable + error).clip(min=0.0)
 
     return simulated_indices.map(with_error, keep_attrs=True)

@@ -15,7 +15,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.draws import coefficient_draws, fitted_motion, sensor_noise
-from pymc_ship.ships.ensemble.index_error import extrapolation_growth
+from pymc_ship.ships.ensemble.index_error import extrapolation_growth, growth_at
 from pymc_ship.ships.ensemble.index_table import index_table
 from pymc_ship.trial.channels import SIMULATED
 
@@ -81,6 +81,11 @@ class Ship:
     held_out_indices: xr.Dataset = field(default_factory=lambda: index_table(()))
     harder_indices: xr.Dataset = field(default_factory=lambda: index_table(()))
     uses_captive_tests: bool = False
+
+    def growth_at(self, beyond: float) -> np.ndarray:
+        """Equally probable growths of the errors at a distance beyond the runs, in ranges of them."""
+        measured = float(self.harder_indices["beyond"].max()) if self.harder_indices.sizes["run"] else 0.0
+        return growth_at(self.extrapolation_growth, measured, beyond)
 
     @classmethod
     def from_posterior(

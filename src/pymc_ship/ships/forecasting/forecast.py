@@ -124,7 +124,7 @@ def forecast(
         errors = ship.index_error | steady_error(ship.motion_error)
     settings = simulation_settings(models[0][0]) | settings | environment | {"duration": duration, "ci_prob": ci_prob}
     data: dict[str, Any] = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
-    data["growth"] = ship.extrapolation_growth
+    data["growth"] = ship.growth_at
     tree = pooled_forecast(models, manoeuvre, rng=rng, **data, **settings)
     tree.attrs["steering"] = _steering_sentence(models[0][0], ship.facilities, facility)
     if facility is not None:
@@ -178,7 +178,7 @@ def pooled_forecast(
     noise: Mapping[str, float] | None = None,
     motion: xr.DataArray | None = None,
     errors: Mapping[str, np.ndarray | float] | None = None,
-    growth: np.ndarray | float = 1.0,
+    growth: Callable[[float], np.ndarray | float] = lambda beyond: 1.0,
     **settings: Any,
 ) -> xr.DataTree:
     """As :func:`forecast`, with the draws of models that differ in terms and parts alone.
@@ -196,8 +196,8 @@ def pooled_forecast(
         Prime motion the models were fitted to.
     errors : mapping of str to ndarray or float, optional
         Model error that is added to the indices, by kind, from :func:`.model_error`.
-    growth : ndarray, optional
-        Of the error beyond the motion, from :func:`.extrapolation_growth`.
+    growth : callable, optional
+        Growths of the error at a distance beyond the motion, such as :meth:`.Ship.growth_at`.
     """
     runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
     rolling = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])
@@ -220,7 +220,7 @@ def pooled_forecast(
         kinds = manoeuvre.traits.indices
         index_draws = _nan_without_roll(indices(simulated), rolling, lambda name: needs_roll(kinds[name]))
         if errors is not None:
-            index_draws = with_model_error(index_draws, errors, vessel, rng, beyond=beyond, growth=growth)
+            index_draws = with_model_error(index_draws, errors, vessel, rng, beyond=beyond, growth=growth(beyond))
         groups |= {"indices": index_draws, "index_bands": quantile_bands(index_draws, ci_prob)}
     attrs = ships.attrs | {"label": manoeuvre.label, "draws": ships.sizes["draw"], "ci_prob": ci_prob, "ci_kind": "eti"}
     attrs |= {"share_diverged": float(ships["diverged"].mean()), "share_extrapolated": np.nan, "extrapolation": UNKNOWN}

@@ -234,12 +234,16 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
         )
     median, upper = np.quantile(EXTRAPOLATION_SD * ship.extrapolation_growth, (0.5, 0.95))
     harder = ship.harder_indices.sizes["run"]
-    evidence = f"and {harder} harder run{'s' * (harder != 1)} forecast by the milder ones" if harder else "alone"
+    evidence, farther = "alone", ""
+    if harder:
+        evidence = f"and {harder} harder run{'s' * (harder != 1)} forecast by the milder ones"
+        farther = f" Past {float(ship.harder_indices['beyond'].max()):.2g} ranges, no run measured it: there the error "
+        farther += "of other ships is added."
     return [
         *remarks,
         "They also include the extrapolation error. For each range of the runs by which the median ship leaves their "
         f"motion, its sd is {median:.2g} of the swing, of L/U and of L (95 % below {upper:.2g}). This is estimated "
-        f"from ships of other simulators {evidence}.",
+        f"from ships of other simulators {evidence}.{farther}",
     ]
 
 

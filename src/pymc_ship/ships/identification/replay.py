@@ -99,7 +99,7 @@ def replay(
     if ship.motion_error:
         lead = piece["time"].values - piece["time"].values[0]
         beyond = extrapolation_distance(ship, ships.median("draw"), piece)
-        growth = ship.extrapolation_growth
+        growth = ship.growth_at(float(0.0 if beyond is None else np.nanmax(beyond, initial=0.0)))
         predictive = motion(with_motion_error(states, lead, ship.motion_error, ship.vessel, beyond, growth))
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
