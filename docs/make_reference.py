@@ -73,7 +73,7 @@ def _words(command: argparse.ArgumentParser) -> list[argparse.Action]:
 
 def _command(name: str, command: argparse.ArgumentParser, rows: list, common: list) -> str:
     examples, remarks = _epilog(command.epilog)
-    shared = ", ".join(word for word, text in rows if (word, text) in common)
+    shared = ", ".join(re.sub(r"(--[\w-]+)[^`]*", r"\1", word) for word, text in rows if (word, text) in common)
     own = _list([row for row in rows if row not in common])
     described = f"Common words: {shared}.\n" + (f"\n{own}" if own else "")
     return f"\n## {name}\n\n{_sentence(command.description)}\n\n```sh\n{examples}\n```\n\n{remarks}{described}"

@@ -25,7 +25,6 @@ QUICK = {
     *(f"docs/how_to/{task}.md" for task in ("read_a_trial_file", "write_a_vessel", "choose_a_prior", FORMULAS)),
     *(f"docs/how_to/{task}.md" for task in ("denoise_a_record", "simulate_what_sensors_read")),
     "docs/how_to/extend.md",
-    "docs/reference/posterior_tree.md",
 }
 """Pages whose Python takes no more than a few seconds."""
 

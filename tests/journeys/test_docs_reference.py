@@ -166,7 +166,7 @@ def test_the_page_of_the_posterior_has_the_groups_of_a_trajectory(ship, zigzag):
     rng = np.random.default_rng(1)
     trial = ps.pollute(zigzag, level=0.01, rng=rng)
     tree = ps.trajectory_posterior([trial], ship, draws=200, rng=rng)
-    told = table_of_groups(5)
+    told = table_of_groups(4)
     for name, group in tree.children.items():
         for key, value in group.data_vars.items():
             assert told[name][str(key)] == value.dims
