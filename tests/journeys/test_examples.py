@@ -8,7 +8,7 @@ import pytest
 
 import pymc_ship as ps
 
-SLOW = ("hierarchical_posterior", "identify_ship", "nuts_posterior", "posterior_tree", "pymc_model")
+SLOW = ("hierarchical_posterior", "identify_ship", "pymc_model")
 
 
 def example(name, value):

@@ -60,12 +60,8 @@ def validated_trials(
 ) -> tuple[list[xr.Dataset], list[tuple[Check, ...]]]:
     """Corrected trials of one facility and their checks; corrections, doubts and overruled checks are printed.
 
-    All trials have the same lag of velocities behind the track. A model for any speed takes whole records.
-
-    Raises
-    ------
-    TrialError
-        For a bad check that is not overruled.
+    All trials have the same lag of velocities behind the track. A model for any speed takes whole records. TrialError
+    for a bad check that is not overruled.
     """
     trials, checks = [], []
     for path in paths:

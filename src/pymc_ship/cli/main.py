@@ -40,6 +40,8 @@ _MACHINE = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command.
 
+    SystemExit with status 2 for arguments that cannot be parsed, 0 after ``--help`` and ``--version``.
+
     Parameters
     ----------
     argv : sequence of str, optional
@@ -50,26 +52,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         Exit status: 0, 2 if the command cannot run, 3 if a check fails, 4 if ``check`` corrects or doubts the record,
         130 after an interrupt.
-
-    Raises
-    ------
-    SystemExit
-        Status 2 for arguments that cannot be parsed, 0 after ``--help`` and ``--version``.
     """
     return run_command(parser(), _command, argv)
 
 
 def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Sequence[str] | None = None) -> int:
-    """Run a command with the arguments of a parser; errors and exit status as of :func:`main`.
+    """Run a command with the arguments of a parser that has ``--quiet``; errors and exit status as of :func:`main`.
 
-    Parameters
-    ----------
-    words : ArgumentParser
-        With an option ``--quiet``.
-    command : callable
-        ``command(args, progress)`` returns an :data:`Outcome`.
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
+    ``command(args, progress)`` returns an :data:`Outcome`.
     """
     try:
         _replace_unencodable()

@@ -16,10 +16,7 @@ INSTRUMENTS = ("gnss", "mems_gyro", "mru", "fluxgate_compass")
 def expand_patterns(words: Iterable[str]) -> list[str]:
     """Arguments with each pattern such as ``trials/*.csv`` replaced by its files, sorted, as Unix shells do.
 
-    Raises
-    ------
-    ValueError
-        For a pattern without files.
+    ValueError for a pattern without files.
     """
     arguments = []
     for word in words:

@@ -18,18 +18,10 @@ _COLOURS = (BLUE, RUST, "#3a8f4d", "#8a5fbf", "#c08a1e", "#4d4d4d")
 
 
 def group_differences(tree: xr.DataTree) -> xr.Dataset:
-    """Differences of every coefficient between two groups, the first minus the second.
+    """Differences of every coefficient between two groups of a hierarchical posterior, the first minus the second.
 
-    Parameters
-    ----------
-    tree : DataTree
-        From :func:`~pymc_ship.inference.sampling.hierarchical_model.hierarchical_posterior`.
-
-    Returns
-    -------
-    Dataset, dims (pair, coefficient)
-        ``mean``, ``sd``, ``lower`` and ``upper`` (equal-tailed 95 %), prime values, and the flag ``differs``: zero lies
-        outside the interval.
+    Dataset with dims (pair, coefficient): ``mean``, ``sd``, ``lower`` and ``upper`` (equal-tailed 95 %), prime values,
+    and the flag ``differs``: zero lies outside the interval.
     """
     draws = tree["posterior"].dataset["group_coefficients"]
     pairs = list(combinations(draws["group"].values.tolist(), 2))

@@ -192,16 +192,8 @@ def whiteness(values: np.ndarray) -> dict[str, float]:
     """Ljung-Box test that a series is white noise: ``r1``, ``lags``, ``statistic``, ``p_value`` and ``band``.
 
     Q = n (n + 2) sum r_k^2/(n - k) over h = min(10, n/5) lags is compared with chi-square of h degrees of freedom;
-    ``band`` is 1.96/sqrt(n), half the width of the white-noise band.
-
-    Raises
-    ------
-    ValueError
-        For fewer than ten values.
-
-    References
-    ----------
-    Ljung & Box (1978), Biometrika 65(2):297, doi:10.1093/biomet/65.2.297.
+    ``band`` is 1.96/sqrt(n), half the width of the white-noise band. ValueError for fewer than ten values. Ljung & Box
+    (1978), Biometrika 65(2):297, doi:10.1093/biomet/65.2.297.
     """
     from scipy.stats import chi2
 

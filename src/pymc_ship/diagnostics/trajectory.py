@@ -73,18 +73,15 @@ def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
     """Directions of the coefficients, the least known first, with the remaining prior variance along each.
 
     Principal directions of one half of the draws, in prior standard deviations, and the variance of the other half
-    along them, which is not too extreme. Coefficients with a flat prior are left out.
+    along them, which is not too extreme. Coefficients with a flat prior are left out. Lam (2016), Annals of Statistics
+    44(3):928, doi:10.1214/15-AOS1393; MacKay (1992), doi:10.1162/neco.1992.4.3.415, for the effective number of
+    directions.
 
     Returns
     -------
     Dataset, dims (direction,)
         ``remaining_variance``, relative to the prior, ``text`` with the largest loadings; attrs ``n_unknown``, the
         directions with more than half of it, ``n_effective``, the sum of the contractions, and ``n_flat``.
-
-    References
-    ----------
-    Lam (2016), Annals of Statistics 44(3):928, doi:10.1214/15-AOS1393; MacKay (1992), doi:10.1162/neco.1992.4.3.415,
-    for the effective number of directions.
     """
     dataset = contraction(tree)
     proper = np.isfinite(dataset["prior_sd"].values)

@@ -189,10 +189,7 @@ def _in_full(value: Vessel | Manoeuvre) -> str:
 def grid_of(file: Entry, folder: Path, own: Mapping[str, Method]) -> Grid:
     """Grid of the table of a study; paths of ships are relative to ``folder``, ``own`` are user-defined methods.
 
-    Raises
-    ------
-    StudyError
-        For unknown or missing keys and values that cannot be used; the sentence names the key.
+    StudyError for unknown or missing keys and values that cannot be used; the sentence names the key.
     """
     file.check_keys(_KEYS, [key for key in _KEYS if key not in _OPTIONAL])
     ships, manoeuvres, methods = (file.at(key) for key in _LISTS)

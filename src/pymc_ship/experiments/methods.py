@@ -27,13 +27,8 @@ def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -
     """User-defined methods by name: the given ones, and import paths among the ``names`` of a study.
 
     Each is called with a noisy record and a vessel and returns a :class:`pymc_ship.Estimate`; ``study`` is the name of
-    the study in errors.
-
-    Raises
-    ------
-    StudyError
-        For an import path of no function, a name of the package's own methods, and objects that cannot be called or
-        pickled.
+    the study in errors. StudyError for an import path of no function, a name of the package's own methods, and objects
+    that cannot be called or pickled.
     """
     imported = {
         name: import_function(name, f"{study}: methods") for name in names if import_path(name) and name not in given

@@ -46,11 +46,7 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
     """Scores by cell, and the path of the page, of a complete study; tables and page are written together.
 
     ``results.parquet`` and ``cells.csv`` depend on the study alone, ``timings.parquet`` and the page on the runs, too.
-
-    Raises
-    ------
-    OutputError
-        When the folder cannot be written.
+    OutputError when the folder cannot be written.
     """
     costs, start = Costs(store.study.timed), perf_counter()
     with staged_files(store.out, last=PAGE.file) as folder:

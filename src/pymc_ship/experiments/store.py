@@ -179,12 +179,8 @@ class Store:
 def locked_store(out: str | Path, study: Study) -> Iterator[Store]:
     """Store of a study in a folder, locked against other runs.
 
-    Raises
-    ------
-    StudyError
-        Where another run has the lock, or the study does not extend the one in the folder.
-    OutputError
-        For a folder that cannot be written.
+    StudyError where another run has the lock, or the study does not extend the one in the folder. OutputError for a
+    folder that cannot be written.
     """
     out = writable_folder(out)
     with (out / ".lock").open("w") as lock:

@@ -125,11 +125,7 @@ def measure_task(task: Task) -> dict:
 
     Keys: ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), those of
     :data:`SCORES` [%, NaN where there is none], those of :data:`PARTS` [s] and ``cpu``, the processor time [s].
-
-    Raises
-    ------
-    StudyError
-        For a method that returns no :class:`Estimate`; errors of :data:`pymc_ship.machine.workers.MACHINE` pass.
+    StudyError for a method that returns no :class:`Estimate`; errors of :data:`pymc_ship.machine.workers.MACHINE` pass.
     """
     began, parts, scores = process_time(), dict.fromkeys(PARTS, 0.0), dict.fromkeys(SCORES, float("nan"))
     with one_thread(), warnings.catch_warnings():

@@ -36,20 +36,9 @@ def run_tasks[Task, Result](
 ) -> Iterator[Result]:
     """Yield the result of every task; the tasks of lost workers are tried again.
 
-    Parameters
-    ----------
-    executor : LocalCores or Cluster
-        Inside its ``with`` block.
-    work : callable
-        Returns the result of a task.
-    remaining : callable
-        Returns the tasks without a result, None if there are none. Called again after a loss of workers: the caller
-        stores each result before it takes the next.
-
-    Raises
-    ------
-    WorkersLostError
-        When workers are lost more than :data:`RESTARTS` times without a result in between.
+    The executor is inside its ``with`` block; ``work`` returns the result of a task, ``remaining`` the tasks without a
+    result, None if there are none. It is called again after a loss of workers: the caller stores each result before it
+    takes the next. WorkersLostError when workers are lost more than :data:`RESTARTS` times without a result in between.
     """
     lost = 0
     while (tasks := remaining()) is not None:

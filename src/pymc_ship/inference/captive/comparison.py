@@ -27,15 +27,9 @@ def captive_bands(
 ) -> xr.Dataset:
     """Measured forces of captive tests, and 95 % bands of the forces under one or more sets of draws.
 
-    Parameters
-    ----------
-    tests : Dataset, dims (test,)
-        From :func:`pymc_ship.read_captive`; tests at other revolutions than those of the model are left out.
-    vessel : Vessel
-    draws : mapping of str to ndarray, shape (n_draws, n_coefficients)
-        By the name of their distribution, the dimension ``drawn`` of ``X_band``, ``Y_band`` and ``N_band``.
-    revolutions : float, optional
-        Nominal revolutions on the carriage over those of the vessel.
+    ``draws``, shape (n_draws, n_coefficients), by the name of their distribution, are the dimension ``drawn`` of
+    ``X_band``, ``Y_band`` and ``N_band``. ``revolutions`` are the nominal ones on the carriage over those of the
+    vessel; tests at others are left out.
     """
     tests = nominal_revolution_tests(tests, vessel)
     s, motion = vessel.particulars, captive_motion(tests, vessel, revolutions)

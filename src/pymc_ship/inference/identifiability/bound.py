@@ -25,17 +25,10 @@ def cramer_rao_bound(
     *,
     method: str = "rk4",
 ) -> xr.DataArray:
-    """Cramer-Rao bound on the sd of coefficients (prime) from clean trials with white noise added.
+    """Cramer-Rao bound on the sd of coefficients (prime) from clean trials of the reference ship plus white noise.
 
-    Parameters
-    ----------
-    trials : Dataset or sequence of Dataset, dims (time,)
-        Clean runs of the reference ship; their initial states count as unknown.
-    vessel : Vessel
-    noise_sd : mapping of str to float, or sequence of them
-        Noise sd of single samples by channel [SI], for all runs or for each.
-    method : {"rk4", "euler"}, optional
-        Integrator of the trials.
+    Initial states count as unknown. ``noise_sd`` is the sd of single samples by channel [SI], for all runs or for each;
+    ``method`` the integrator of the trials.
     """
     trials = trial_list(trials)
     noises = [noise_sd] * len(trials) if isinstance(noise_sd, Mapping) else list(noise_sd)

@@ -82,20 +82,10 @@ def coverage(
 ) -> xr.Dataset:
     """Coverage of central posterior intervals over simulated data sets, against their probability.
 
-    Parameters
-    ----------
-    data, prior, simulations, rng
-        As for :func:`simulation_based_calibration`.
-    quantiles : callable, optional
-        ``quantiles(data, prior, probabilities)`` returns posterior quantiles, shape (n, n_terms + 1), that of the noise
-        variance last; those of the exact posterior by default.
-    probabilities : sequence of float, optional
-        Of the central intervals.
-
-    Returns
-    -------
-    Dataset
-        Dims interval, quantity: ``share``, and ``z`` from the binomial test; attrs as the calibration by ranks.
+    Data, prior, simulations and rng as for :func:`simulation_based_calibration`. ``quantiles(data, prior,
+    probabilities)`` returns posterior quantiles, shape (n, n_terms + 1), that of the noise variance last; those of the
+    exact posterior by default. Dataset with dims interval, quantity: ``share``, and ``z`` from the binomial test; attrs
+    as the calibration.
     """
     rng = random_generator(rng)
     check_prior(prior)

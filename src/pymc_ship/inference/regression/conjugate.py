@@ -54,22 +54,7 @@ class ConjugatePrior(Prior):
     citation = "Gelman et al. (2013), Bayesian Data Analysis, 3rd ed., ch. 14, doi:10.1201/b16018"
 
     def exact(self, data: RegressionData) -> NormalInverseGamma:
-        """Exact posterior, Eq. 12-17 of Xue et al. (2020).
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import pymc_ship as ps
-        >>> vessel = ps.load_vessel("kvlcc2")
-        >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-        >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
-        >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
-        >>> exact = ps.ConjugatePrior().exact(data)
-        >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
-        Ngsincos|delta| = -0.00150, sd 0.00070
-        >>> print(f"{vessel.coefficients('yaw')[-1]:.5f}")
-        -0.00114
-        """
+        """Exact posterior, Eq. 12-17 of Xue et al. (2020)."""
         warn_of_units(data, self)
         rotation, unit = rotate(data, self), data.response_scale
         s, z = rotation.singular_values, unit * rotation.projection

@@ -46,17 +46,8 @@ def fold_rows(
 ) -> list[np.ndarray]:
     """Sorted row numbers of each fold, whose sizes differ by one row at most.
 
-    Parameters
-    ----------
-    n_rows, folds : int
-    split : {"blocks", "random"}, optional
-        Contiguous blocks (neighbouring rows of a trial are correlated), or rows at random, which needs ``rng``.
-    rng : numpy.random.Generator, optional
-
-    Raises
-    ------
-    InferenceError
-        For fewer than two folds or more than rows, an unknown split, or a random one without ``rng``.
+    ``split`` "blocks" are contiguous (neighbouring rows of a trial are correlated), "random" needs ``rng``.
+    InferenceError for fewer than two folds or more than rows, an unknown split, or a random one without ``rng``.
     """
     if not 2 <= folds <= n_rows:
         raise InferenceError(f"The {n_rows} rows make 2 to {n_rows} folds, found {folds}; change the number.")

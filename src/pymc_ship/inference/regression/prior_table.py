@@ -41,16 +41,6 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
     InferenceError
         For unknown names, values that are not finite, an sd that is not positive, the constant of centred columns, or
         a conjugate prior whose noise variance has no mean (shape <= 1).
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
-    >>> prior = ps.informed_prior(data, ps.SemiConjugatePrior(), {"Nr": (-0.0023, 1e-9)})
-    >>> print(f"{prior.exact(data).mean[data.coefficients.index('Nr')]:.5f}")
-    -0.00230
     """
     check_prior(prior)
     _check_names(table, data.coefficients)

@@ -59,22 +59,11 @@ def draws_tree(
 ) -> xr.DataTree:
     """Posterior draws on the original scale as a DataTree.
 
-    Parameters
-    ----------
-    data : RegressionData
-    prior : Prior
-    coefficients, noise_variance : ndarray, shape (n_chains, n_draws, n_terms), (n_chains, n_draws)
-    method, rng_state : str
-        How the draws were made, such as ``"gibbs"``; :func:`rng_state` before the first draw.
-    groups : dict of str to Dataset, optional
-        Further groups such as ``sample_stats``.
-
-    Returns
-    -------
-    DataTree
-        Groups posterior (``coefficients`` with dims chain, draw, coefficient; ``noise_variance``), log_likelihood
-        (``response``), log_prior (joint over the coefficients), observed_data and constant_data (``design_matrix``,
-        ``time``); prior, vessel, versions, generator state and citations in attrs.
+    ``coefficients`` have shape (n_chains, n_draws, n_terms), ``noise_variance`` (n_chains, n_draws); ``rng_state`` is
+    :func:`rng_state` before the first draw, ``groups`` are further groups such as ``sample_stats``. The tree has
+    posterior (``coefficients`` with dims chain, draw, coefficient; ``noise_variance``), log_likelihood (``response``),
+    log_prior (joint over the coefficients), observed_data and constant_data (``design_matrix``, ``time``); prior,
+    vessel, versions, generator state and citations are attrs.
     """
     n_chains, n_draws = noise_variance.shape
     coords, sample = {"chain": np.arange(n_chains), "draw": np.arange(n_draws)}, ("chain", "draw")
@@ -122,17 +111,6 @@ def exact_posterior(
     ------
     InferenceError, ValueError
         For no prior, or vectors of the wrong length; for ``draws`` that are no positive multiple of ``chains``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw")
-    >>> tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=400, rng=np.random.default_rng(1))
-    >>> dict(tree["posterior"].sizes)
-    {'chain': 4, 'draw': 100, 'coefficient': 12}
     """
     rng = random_generator(rng)
     check_prior(prior)

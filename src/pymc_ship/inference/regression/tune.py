@@ -86,6 +86,9 @@ def tune_prior(
 
     A Latin hypercube of 12 points (at most a third of the evaluations), then expected improvement under a Gaussian
     process over log hyperparameters. The loss is asinh(10 (r - score)), r the score of the prior of maximum evidence.
+    InferenceError for an unknown family, impossible folds, fewer than 6 evaluations, or a box as
+    :func:`maximise_evidence`. Xue et al. (2020), Algorithm 2; Jones, Schonlau & Welch (1998),
+    doi:10.1023/A:1008306431147.
 
     Parameters
     ----------
@@ -100,19 +103,10 @@ def tune_prior(
         Bounds of ``shape``, ``noise_variance`` (scale / shape) and ``kappa``; the ``box`` of the family by default.
     rng : int, SeedSequence or Generator
 
-    Raises
-    ------
-    InferenceError
-        For an unknown family, impossible folds, fewer than 6 evaluations, or a box as :func:`maximise_evidence`.
-
     Warns
     -----
     BoundWarning
         If the prior lies at a bound of the box.
-
-    References
-    ----------
-    Xue et al. (2020), Algorithm 2; Jones, Schonlau & Welch (1998), doi:10.1023/A:1008306431147.
     """
     rng = random_generator(rng)
     prior_type = prior_family(family)

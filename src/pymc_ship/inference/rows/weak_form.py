@@ -90,22 +90,11 @@ def bump(n_radius: int, step: float, method: str = "euler") -> tuple[np.ndarray,
 
 
 def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, method: str = "euler") -> WeakForm:
-    """Rows of the weak form of every DOF of a vessel, from a trial as measured.
+    """Rows of the weak form of every DOF of a vessel, from a trial as measured, dims (time,).
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        Channels as for :func:`pymc_ship.regression_data`, not denoised.
-    vessel : Vessel
-    stride : int, optional
-        Samples from one centre to the next; :data:`INTERVAL` by default.
-    method : {"euler", "rk4"}, optional
-        See :func:`bump`.
-
-    Raises
-    ------
-    TrialError, ValueError
-        For missing channels, NaN, time that is not uniform, a record too short or too coarse; for an unknown method.
+    ``stride`` is the number of samples from one centre to the next, :data:`INTERVAL` by default; ``method`` that of
+    :func:`bump`. TrialError for missing channels, NaN, time that is not uniform, a record too short or too coarse;
+    ValueError for an unknown method.
     """
     from pymc_ship.records.denoising.denoise import denoise
 
@@ -143,22 +132,9 @@ def weak_form_start(
 ) -> np.ndarray:
     """Posterior mean of the weak form under the prior N(mean_j, (tau scale_j)^2): the start of a trajectory fit.
 
-    tau and the noise variance of each DOF maximise the evidence; parameters of parts stay at their means.
-
-    Parameters
-    ----------
-    trials : Dataset or sequence of Dataset, dims (time,)
-        Runs as measured; see :func:`weak_form`.
-    vessel : Vessel, str or Path
-    mean, scale : ndarray, shape (n_coefficients,)
-        Prior, DOF after DOF; a scale of infinity is a flat prior, 0 fixes a coefficient at its mean.
-    method : {"euler", "rk4"}, optional
-        See :func:`bump`.
-
-    Raises
-    ------
-    TrialError, ValueError
-        As :func:`weak_form`; for a mean or scale of another shape, not finite or negative.
+    tau and the noise variance of each DOF maximise the evidence; parameters of parts stay at their means. ``mean`` and
+    ``scale`` have shape (n_coefficients,), DOF after DOF; a scale of infinity is a flat prior, 0 fixes a coefficient.
+    TrialError, ValueError as :func:`weak_form`; for a mean or scale of another shape, not finite or negative.
     """
     vessel = as_vessel(vessel)
     n_terms = [len(vessel.terms(dof)) for dof in vessel.dofs]

@@ -60,23 +60,6 @@ def posterior_tree(
     ValueError
         For a tree without the coefficients, rows or response of the data, a model with several observed variables, or
         a model without ``rng``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc as pm
-    >>> import pymc_ship as ps
-    >>> rng, x = np.random.default_rng(1), np.linspace(0.0, 1.0, 40)
-    >>> columns = np.column_stack([np.ones(40), x])
-    >>> data = ps.RegressionData.from_arrays(columns, columns @ [1.0, 2.0] + 0.1 * rng.standard_normal(40))
-    >>> with pm.Model(coords={"coefficient": data.coefficients}) as model:
-    ...     b = pm.Normal("coefficients", 0.0, 10.0, dims="coefficient")
-    ...     s2 = pm.Deterministic("noise_variance", pm.HalfNormal("sigma", 1.0) ** 2)
-    ...     y = pm.Normal("y", columns @ b, s2**0.5, observed=data.response)
-    ...     sampled = pm.sample(200, tune=200, chains=2, cores=1, random_seed=1, progressbar=False, quiet=True)
-    >>> tree = ps.posterior_tree(sampled, data, model, rng=rng)
-    >>> dict(tree["log_likelihood"]["response"].sizes)
-    {'chain': 2, 'draw': 200, 'row': 40}
     """
     rng = None if rng is None else random_generator(rng)
     if prior is not None:

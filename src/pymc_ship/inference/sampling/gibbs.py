@@ -109,16 +109,6 @@ def gibbs_posterior(
     ----------
     Xue et al. (2020), Algorithm 1 and Eq. 19-20, doi:10.1016/j.oceaneng.2019.106612; Gelfand & Smith (1990),
     doi:10.1080/01621459.1990.10476213.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> trial = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, "kvlcc2", "yaw", interval=2.0)
-    >>> tree = ps.gibbs_posterior(data, ps.SemiConjugatePrior(), draws=200, tune=100, rng=np.random.default_rng(1))
-    >>> dict(tree["posterior"]["coefficients"].sizes)
-    {'chain': 4, 'draw': 200, 'coefficient': 12}
     """
     rng = random_generator(rng)
     state = rng_state(rng)

@@ -31,6 +31,10 @@ def hierarchical_model(
 ) -> pm.Model:
     """PyMC model of coefficients that are partially pooled over groups of runs.
 
+    InferenceError as :func:`hierarchical_posterior`. Gelman & Hill (2007), Data Analysis Using Regression and
+    Multilevel/Hierarchical Models, ch. 12-13; Papaspiliopoulos, Roberts & Skoeld (2007),
+    doi:10.1214/088342307000000014.
+
     Parameters
     ----------
     data : RegressionData
@@ -49,16 +53,6 @@ def hierarchical_model(
         ``scaled_group_noise_variance`` (group); deterministic, on the original scale, ``coefficients`` (the means over
         groups), ``group_coefficients`` (group, coefficient), ``group_sd`` (coefficient) and ``group_noise_variance``
         (group); observed ``response`` (row).
-
-    Raises
-    ------
-    InferenceError
-        As :func:`hierarchical_posterior`.
-
-    References
-    ----------
-    Gelman & Hill (2007), Data Analysis Using Regression and Multilevel/Hierarchical Models, ch. 12-13;
-    Papaspiliopoulos, Roberts & Skoeld (2007), doi:10.1214/088342307000000014.
     """
     check_prior(prior)
     if prior.noise_power != 0:

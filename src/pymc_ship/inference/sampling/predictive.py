@@ -135,18 +135,6 @@ def with_predictive(
     ------
     ValueError
         When draws is not positive, or the data are not those of the tree.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data, prior = ps.regression_data(trial, vessel, "yaw", interval=2.0), ps.ConjugatePrior()
-    >>> tree = ps.exact_posterior(data, prior, draws=200, rng=rng)
-    >>> checked = ps.with_predictive(tree, data, prior, rng=rng, draws=100)
-    >>> dict(checked["posterior_predictive"]["response"].sizes)
-    {'chain': 4, 'draw': 50, 'row': 300}
     """
     rng = random_generator(rng)
     check_prior(prior)

@@ -190,17 +190,6 @@ def nuts_posterior(
     References
     ----------
     Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
-    >>> tree = ps.nuts_posterior(data, ps.ConjugatePrior(), draws=200, chains=2, tune=200, rng=rng)
-    >>> tree["sample_stats"]["diverging"].sum().item()
-    0
     """
     rng, sampler = random_generator(rng), _installed_sampler(sampler)
     state, seed = rng_state(rng), int(rng.integers(2**31))

@@ -290,16 +290,9 @@ def _descend(problem: Problem, start: np.ndarray, tolerance: float) -> tuple[np.
 def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLERANCE) -> TrajectoryFit:
     """Posterior mode from a start (n_unknowns,), most probable scales of the prior, and the normal approximation.
 
-    Descents alternate with :func:`.probable_scales` of the linearised problem until the scales converge.
-
-    Raises
-    ------
-    FitError
-        When the start diverges, no minimum is reached or, under a flat prior, it is not unique.
-
-    References
-    ----------
-    Marquardt (1963), doi:10.1137/0111030; Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986), NASA RP-1168.
+    Descents alternate with :func:`.probable_scales` of the linearised problem until the scales converge. FitError when
+    the start diverges, no minimum is reached or, under a flat prior, it is not unique. Marquardt (1963),
+    doi:10.1137/0111030; Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986), NASA RP-1168.
     """
     unknowns, point = _descend(problem, start, tolerance)
     law = problem.prior.law

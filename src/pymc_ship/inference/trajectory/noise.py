@@ -68,14 +68,8 @@ def fit_with_noise(
 ) -> NoiseChoice:
     """Fit from a start (n_coefficients,) under one of NOISE_MODELS; ``offsets`` None: by the score test.
 
-    Raises
-    ------
-    FitError
-        For an unknown noise model, a start that diverges, a fit that does not converge.
-
-    References
-    ----------
-    Ljung & Box (1978), doi:10.1093/biomet/65.2.297; Lange, Little & Taylor (1989), doi:10.1080/01621459.1989.10478852.
+    FitError for an unknown noise model, a start that diverges, a fit that does not converge. Ljung & Box (1978),
+    doi:10.1093/biomet/65.2.297; Lange, Little & Taylor (1989), doi:10.1080/01621459.1989.10478852.
     """
     check_choice("The noise", noise, NOISE_MODELS, FitError)
     problem = initial_problem(runs, vessel, prior)

@@ -128,13 +128,8 @@ def approximate_draws(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Draws under the likelihood linearised at the mode, with the scales of the prior integrated out.
 
-    Returns
-    -------
-    unknowns : ndarray, shape (chains * draws, n_unknowns)
-    eta : ndarray, shape (chains * draws, n_factors)
-        Log factors of the scales; none for a fixed prior.
-    log_likelihood : ndarray, shape (chains * draws,)
-        Of the records, linearised, up to a constant.
+    Returns unknowns (chains * draws, n_unknowns), log factors of the scales (chains * draws, n_factors), none for a
+    fixed prior, and the linearised log likelihood (chains * draws,), up to a constant.
     """
     problem, n = fit.problem, fit.problem.n_coefficients
     point = linearise(problem, fit.unknowns)

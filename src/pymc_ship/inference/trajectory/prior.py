@@ -138,17 +138,6 @@ def coefficient_prior(
     ------
     InferenceError
         For an unknown kind, a relative sd or a table's sd that is not positive, or unknown names.
-
-    Examples
-    --------
-    Coefficients of a sister ship, one of them from a table, with a fixed scale:
-
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> prior = ps.coefficient_prior([trial], vessel, "sister_ship", table={"XT": (0.001, 0.0001)})
-    >>> prior.mean.shape, float(prior.mean[0]), bool(prior.law.is_scaled[0])
-    ((29,), 0.001, False)
     """
     vessel, trials = as_vessel(vessel), trial_list(trials)
     if kind not in KINDS or not 0.0 < relative_sd < np.inf:

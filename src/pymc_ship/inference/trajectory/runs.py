@@ -116,11 +116,8 @@ def trajectory_run(
 ) -> Run:
     """Run of a raw record with uniform sampling; ``noise_sd`` of single samples, by default from second differences.
 
-    Raises
-    ------
-    TrialError
-        For a channel that is missing, named twice or no state, values that are not finite, fewer than 20 blocks, a
-        channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
+    TrialError for a channel that is missing, named twice or no state, values that are not finite, fewer than 20 blocks,
+    a channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
     """
     trial = as_trial(trial)
     names = tuple(channels) if channels is not None else tuple(name for name in default_channels() if name in trial)

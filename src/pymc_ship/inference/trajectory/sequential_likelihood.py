@@ -94,16 +94,8 @@ def commensurate_likelihood(
     """Likelihood by other data under a commensurate prior (Hobbs et al. 2011, doi:10.1111/j.1541-0420.2011.01564.x).
 
     Each coefficient differs from that of the present data by N(0, (discrepancy scale times prior sd)^2), the scale of
-    largest marginal likelihood on a grid from 0 to 1.
-
-    Parameters
-    ----------
-    likelihood : GaussianLikelihood
-    prior : CoefficientPrior
-    coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
-        Posterior mean and covariance by the present data and the prior alone.
-    own : sequence of int, optional
-        Coefficients with a discrepancy scale of their own, which is returned after the other.
+    largest marginal likelihood on a grid from 0 to 1. ``coefficients`` and ``covariance`` are posterior mean and
+    covariance by the present data and the prior alone; coefficients ``own`` have a scale of their own, returned second.
     """
     design, residuals = likelihood.design, likelihood.residuals(coefficients)
     scaled, identity = design * prior.scale, np.eye(len(design))

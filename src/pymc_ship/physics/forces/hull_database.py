@@ -35,20 +35,10 @@ _BY_RUDDER = {"|r|": (0.0, 0.2), "sincos|delta|": CONVEXITY}
 
 
 def bare_hull(L: float, B: float, d: float, volume: float) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of the hull's coefficients by name, prime values.
+    """Mean and sd of the hull's coefficients by name, prime values, from L, B, d [m] and volume [m3].
 
-    Parameters
-    ----------
-    L, B, d : float
-        Length, breadth and draught [m].
-    volume : float
-        Displacement volume [m3].
-
-    Returns
-    -------
-    dict of str to (float, float)
-        Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. They include the
-        added mass of the steady turn (m_y v r, m_x u r); the sds are by judgement.
+    Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. They include the added
+    mass of the steady turn (m_y v r, m_x u r); the sds are by judgement.
     """
     fullness, slender, by_draught = volume / (L**2 * d), L / B, d / L
     block, aspect = fullness * slender, 2.0 * by_draught

@@ -31,20 +31,6 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
         ``criterion``, ``limit``, ``units`` (deg or L), ``median``, ``lower``, ``upper``, ``probability``,
         ``standard_error`` (binomial), ``not_reached`` (fraction of draws that diverge or do not reach the event, which
         counts as not passing), ``conformity`` (passes, open or fails) and ``verdict``, one sentence.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
-    >>> trial = ps.pollute(ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5), level=0.01, rng=rng)
-    >>> result = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
-    >>> ship = ps.Ship.from_posterior(vessel, result.posteriors("conjugate", draws=40, rng=rng), draws=40, rng=rng)
-    >>> turn = ps.forecast(ship, ps.turning_circle(35), duration=900, rng=rng)
-    >>> for row in ps.imo_probabilities(turn, vessel):
-    ...     print(row["criterion"], row["conformity"], row["probability"])
-    advance passes 1.0
-    tactical diameter passes 1.0
     """
     vessel = as_vessel(vessel)
     if "indices" not in tree.children:
@@ -102,27 +88,8 @@ def imo_limits(attrs: Mapping[str, Any], vessel: Vessel) -> list[tuple[str, floa
 def imo_criteria(measured: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any]]:
     """Compare indices with the limits of IMO MSC.137(76) that apply to the manoeuvre.
 
-    Parameters
-    ----------
-    measured : Dataset, dims ()
-        From :func:`indices` of a 10/10 or 20/20 zigzag or of a turning circle at 35 deg or more.
-    vessel : Vessel, str or Path
-
-    Returns
-    -------
-    list of dict
-        ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None if the record does not reach the event).
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> from pymc_ship.physics.manoeuvre.criteria import imo_criteria
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.turning_circle(35), duration=900, step=0.5)
-    >>> for row in imo_criteria(ps.indices(trial), vessel):
-    ...     print(f"{row['criterion']}: {row['value']:.2f} {row['units']}, limit {row['limit']}: {row['passed']}")
-    advance: 3.14 L, limit 4.5: True
-    tactical diameter: 3.61 L, limit 5.0: True
+    ``measured`` are :func:`indices` of a 10/10 or 20/20 zigzag or of a turning circle at 35 deg or more. Rows have
+    ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None if the record does not reach the event).
     """
     rows = []
     for name, limit, unit, units in imo_limits(measured.attrs, as_vessel(vessel)):

@@ -146,12 +146,6 @@ def turning_circle(rudder_deg: float = 35.0, *, side: str = "port", approach_spe
     """Turning circle with constant rudder from time 0.
 
     Parameters and errors as :func:`zigzag`.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> ps.turning_circle(35, side="starboard").side
-    'starboard'
     """
     return standard_manoeuvre("turning_circle", rudder_deg, side=side, approach_speed=approach_speed)
 
@@ -162,12 +156,6 @@ def pull_out(
     """Pull-out: a turn until the heading has changed by heading_deg, then rudder amidships.
 
     Parameters and errors as :func:`zigzag`; heading_deg up to 720 deg.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> ps.pull_out(20, 90).label
-    'pull out 20/90 port'
     """
     return standard_manoeuvre("pull_out", rudder_deg, heading_deg, side=side, approach_speed=approach_speed)
 

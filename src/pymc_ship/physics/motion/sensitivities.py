@@ -172,25 +172,8 @@ def sensitivities(
     """Motion along a record of inputs and its exact derivatives by the coefficients and the initial state.
 
     Parameters and errors as of :func:`pymc_ship.physics.motion.replay.replay`, for one ship; ``coefficients`` are by
-    default the vessel's reference values.
-
-    Returns
-    -------
-    motion : ndarray, shape (n_states, n_blocks)
-        Block means of the states, SI units and rad; NaN if the ship diverges.
-    jacobian : ndarray, shape (n_states, n_blocks, n_coefficients + n_states)
-        Derivatives of ``motion``, columns first by the coefficients, then by the initial state.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> from pymc_ship.physics.motion.sensitivities import sensitivities
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=300, step=0.5, method="rk4")
-    >>> start = [vessel.particulars.nominal_speed, 0, 0, 0, 0]
-    >>> motion, jacobian = sensitivities(vessel, trial["delta"].values, start, interval=0.5)
-    >>> motion.shape, jacobian.shape
-    ((5, 600), (5, 600, 34))
+    default the vessel's reference values. Returns block means of the states (n_states, n_blocks), SI units and rad, NaN
+    if the ship diverges, and their derivatives (n_states, n_blocks, n_coefficients + n_states), initial state last.
     """
     vessel, initial, inputs = as_vessel(vessel), np.array(initial_state, dtype=float), all_inputs(inputs)
     theta = reference_coefficients(vessel) if coefficients is None else np.array(coefficients, dtype=float)

@@ -86,26 +86,10 @@ def is_symmetric(term: str, dof: str) -> bool:
 
 
 def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of the hull's coefficients by name, prime values.
+    """Mean and sd of the hull's coefficients by name, prime values; VesselError without a draught.
 
-    Parameters
-    ----------
-    vessel : Vessel, str or Path
-        With a draught, else VesselError.
-
-    Returns
-    -------
-    dict of str to (float, float)
-        Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. They include the
-        added mass of the steady turn (m_y v r, m_x u r). The sd of Xvv covers the term in v^4 up to v' = 0.3.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> from pymc_ship.physics.vessel.hull_database import hull_coefficients
-    >>> mean, sd = hull_coefficients(ps.load_vessel("kvlcc2"))["Nr"]
-    >>> print(f"Nr = {mean:.4f}, sd {sd:.4f}")
-    Nr = -0.0035, sd 0.0010
+    Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. They include the added
+    mass of the steady turn (m_y v r, m_x u r). The sd of Xvv covers the term in v^4 up to v' = 0.3.
     """
     vessel = as_vessel(vessel)
     s = vessel.particulars

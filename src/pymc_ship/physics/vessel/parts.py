@@ -67,20 +67,9 @@ def with_parts(
 ) -> Vessel:
     """Vessel whose forces are sums of parts; with roll, missing stability and inertia in roll are estimated.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    names : sequence of str
-        Of :data:`pymc_ship.physics.forces.modular.PARTS`.
-    stated : mapping of str to Coefficient, optional
-        Parameters with a value of the vessel file; the others are typical.
-    fixed : sequence of str, optional
-        Parameters that are fixed at their values; names that the parts lack are ignored.
-
-    Raises
-    ------
-    VesselError
-        For an incomplete set of parts, wind without areas above the water, unknown parameters, or no draught.
+    ``names`` are of :data:`pymc_ship.physics.forces.modular.PARTS`, ``stated`` parameters with a value of the vessel
+    file (the others are typical), ``fixed`` those that are fixed at their values, if the parts have them. VesselError
+    for an incomplete set of parts, wind without areas above the water, unknown parameters, or no draught.
     """
     polynomial = any(vessel.forces.values())
     try:

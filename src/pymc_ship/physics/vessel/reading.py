@@ -32,15 +32,7 @@ VesselLike = Vessel | str | Path
 
 
 def shipped_vessels() -> tuple[str, ...]:
-    """Names of the vessels in the package.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> from pymc_ship.physics.vessel.reading import shipped_vessels
-    >>> shipped_vessels()
-    ('container', 'kvlcc2')
-    """
+    """Names of the vessels in the package."""
     return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
 
 

@@ -156,17 +156,6 @@ def denoise_signal(
     References
     ----------
     Johnstone & Silverman (2005), Ann. Statist. 33(4):1700, doi:10.1214/009053605000000345.
-
-    Examples
-    --------
-    Error of a noisy sine before and after:
-
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> signal = np.sin(np.linspace(0, 10, 512))
-    >>> noisy = signal + 0.1 * np.random.default_rng(1).standard_normal(512)
-    >>> print(f"{np.std(noisy - signal):.2f}, {np.std(ps.denoise_signal(noisy) - signal):.2f}")
-    0.09, 0.02
     """
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, "scale": scale}
     settings |= {"rule": rule, "levels": levels, "boundary": boundary}

@@ -95,19 +95,6 @@ def denoise_signal_draws(
     rng : int, SeedSequence or Generator
     **options
         ``scale``, ``levels``, ``boundary`` of :func:`pymc_ship.denoise_signal`.
-
-    Examples
-    --------
-    Coverage of the true signal by pointwise intervals of 90 %:
-
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> signal = np.sin(np.linspace(0, 10, 512))
-    >>> noisy = signal + 0.1 * np.random.default_rng(1).standard_normal(512)
-    >>> draws = ps.denoise_signal_draws(noisy, rng=np.random.default_rng(2))
-    >>> low, high = np.quantile(draws, [0.05, 0.95], axis=0)
-    >>> print(f"{np.mean((low < signal) & (signal < high)):.2f}")
-    0.96
     """
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
     return _draw(y, "signal", draws, random_generator(rng), settings)

@@ -71,14 +71,6 @@ def ebayes_threshold(
     takes 1.4826 times the median of abs(x) (if that is zero, the data return, with weight 1). ``universal_bound``: the
     posterior-median threshold may not exceed sdev sqrt(2 log n). ``threshold`` is reported, and applied by the hard and
     soft rules. ValueError for an unknown choice, data empty or not finite, a scale or sdev not positive.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pymc_ship.records.denoising.ebayes import ebayes_threshold
-    >>> result = ebayes_threshold(np.array([0.3, -0.8, 5.0, 0.5, -0.1, 1.2, -7.0, -0.4, 0.9, 0.2]))
-    >>> print(result.estimate.round(1) + 0.0)
-    [ 0.   0.   4.5  0.   0.   0.  -6.5  0.   0.   0. ]
     """
     values = _observations(x)
     check_choice("The prior", prior, PRIORS)

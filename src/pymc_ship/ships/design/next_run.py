@@ -289,19 +289,8 @@ def remaining_variance(targets: np.ndarray, measured: np.ndarray, noise: np.ndar
     """Remaining variance of target columns of an ensemble, as a fraction, when other columns are measured.
 
     Linear Bayes estimate over the draws that reach all columns, corrected for the trace(S (S + N)^-1) directions that
-    any ensemble explains by chance; S covariance of the measured columns, N of their noise.
-
-    Parameters
-    ----------
-    targets : ndarray, shape (n_draws, m)
-    measured : ndarray, shape (n_draws, k)
-    noise : ndarray, shape (k,)
-        Standard deviation of the measurement of each column.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        From 0 to 1; 1 where too few draws reach all columns.
+    any ensemble explains by chance; S covariance of the measured columns, N of their noise. ``targets`` (n_draws, m),
+    ``measured`` (n_draws, k), ``noise`` sd (k,); the fraction (m,) is 1 where too few draws reach all columns.
     """
     complete = np.isfinite(targets).all(axis=1) & np.isfinite(measured).all(axis=1)
     count = int(complete.sum())

@@ -29,17 +29,9 @@ def is_feasible(
 ) -> np.ndarray:
     """Whether draws are feasible: no divergence, speed within :data:`FASTEST`, radius of turn within :data:`TIGHTEST`.
 
-    The radius of a model that is valid at any speed is not limited.
-
-    Parameters
-    ----------
-    vessel : Vessel
-    coefficients : ndarray, shape (n_draws, n_coefficients)
-    manoeuvres : sequence of Manoeuvre, optional
-    reach : float, optional
-        Duration [L/U_nom].
-    **around
-        ``n``, ``wind`` and ``current`` of :func:`pymc_ship.simulate`.
+    The radius of a model that is valid at any speed is not limited. ``coefficients`` have shape (n_draws,
+    n_coefficients); ``reach`` is the duration [L/U_nom]; ``around`` are ``n``, ``wind`` and ``current`` of
+    :func:`pymc_ship.simulate`.
     """
     feasible = np.ones(len(coefficients), dtype=bool)
     for manoeuvre in manoeuvres:

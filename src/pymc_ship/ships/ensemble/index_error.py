@@ -216,20 +216,9 @@ def with_model_error(
     """Simulated indices with a normal model error, at least 0 where unsigned; that of a diameter is of its ratio.
 
     A relative error e > 0 makes a diameter 1 + e times as large, -e as many times smaller: the law of a large growth
-    keeps a mean.
-
-    Parameters
-    ----------
-    simulated_indices : Dataset, dims (draw,)
-        From :func:`pymc_ship.indices`.
-    errors : mapping of str to ndarray or float
-        From :func:`model_error` and :func:`steady_error`; may be empty. A draw has one size in all kinds.
-    vessel : Vessel
-    rng : numpy.random.Generator
-    beyond : float, optional
-        Extrapolation distance of the median ship, in ranges of the motion of the runs.
-    growth : ndarray, shape (n_laws,), optional
-        From :func:`extrapolation_growth`; 1 by default.
+    keeps a mean. ``errors`` are from :func:`model_error` and :func:`steady_error`; a draw has one size in all kinds.
+    ``beyond`` is the extrapolation distance of the median ship, in ranges of the motion of the runs, ``growth``, shape
+    (n_laws,), from :func:`extrapolation_growth`.
     """
     table = kind_named(simulated_indices.attrs["manoeuvre"]).indices
     quantile, growth_quantile = rng.random((2, simulated_indices.sizes["draw"]))

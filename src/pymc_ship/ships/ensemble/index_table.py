@@ -15,18 +15,10 @@ NUMBERS = ("measured", "forecast", "parameter_sd", "model_sd", "measured_sd", "s
 
 
 def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
-    """Table of indices from rows.
+    """Table of indices, dims (run, index), from rows.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        ``run``, ``manoeuvre``, ``index``, ``kind`` (its quantity) and any of :data:`NUMBERS`, run after run.
-
-    Returns
-    -------
-    Dataset, dims (run, index)
-        :data:`NUMBERS`, NaN for an index that a run does not have; coordinates ``manoeuvre`` (run), ``quantity`` and
-        ``units`` (index).
+    Rows have ``run``, ``manoeuvre``, ``index``, ``kind`` and any of :data:`NUMBERS`. NaN for an index that a run does
+    not have; coordinates ``manoeuvre`` (run), ``quantity`` and ``units`` (index).
     """
     runs: list[dict[str, Mapping]] = []
     for row in rows:

@@ -108,18 +108,10 @@ def with_motion_error(
 ) -> np.ndarray:
     """States of draws with a model error, of the same quantile at all times, by a low-discrepancy sequence.
 
-    Parameters
-    ----------
-    states : ndarray, shape (8, n_draws, n_time)
-    time : ndarray, shape (n_time,)
-        From the start [s].
-    errors : mapping of str to ndarray
-        From :func:`motion_error`; other states have no error.
-    vessel : Vessel
-    beyond : ndarray, shape (n_time,), optional
-        Distance of the median ship from the motion of the runs, in ranges of it; 0 by default.
-    growth : ndarray, shape (n_laws,), optional
-        Equally probable growths of the error beyond the runs, from :func:`.extrapolation_growth`; 1 by default.
+    ``states`` have shape (8, n_draws, n_time), ``time`` [s] counts from the start; states without ``errors`` of
+    :func:`motion_error` are unchanged. ``beyond``, shape (n_time,), is the distance of the median ship from the motion
+    of the runs, in ranges of it; ``growth``, shape (n_laws,), are equally probable growths of the error there, from
+    :func:`.extrapolation_growth`.
     """
     with_error, lead = states.copy(), time / vessel.particulars.ship_time
     extrapolations = time_beyond(np.zeros(time.size) if beyond is None else np.nan_to_num(beyond), lead)

@@ -120,17 +120,6 @@ class Ship:
             For posteriors that do not fit the vessel.
         ValueError
             For fewer than two draws, or noise that is invalid or of an unknown channel.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import pymc_ship as ps
-        >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
-        >>> trial = ps.pollute(ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5), level=0.01, rng=rng)
-        >>> fits = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
-        >>> ship = ps.Ship.from_posterior(vessel, fits.posteriors("conjugate", draws=40, rng=rng), draws=40, rng=rng)
-        >>> ship
-        Ship(kvlcc2: 1 model, 40 draws, model error unknown)
         """
         rng, vessel = random_generator(rng), as_vessel(vessel)
         if draws < 2:

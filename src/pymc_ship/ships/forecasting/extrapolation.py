@@ -47,25 +47,12 @@ class _Direction(NamedTuple):
 def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -> xr.Dataset:
     """Distance of simulated draws from the motion of a training record.
 
-    Parameters
-    ----------
-    vessel : Vessel, str or Path
-    ships : Dataset, dims (time,) or (draw, time)
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; NaN after divergence.
-    motion : DataArray, dims (row, symbol)
-        Prime motion of the record by :data:`pymc_ship.physics.forces.terms.SYMBOLS`; not mirrored to the other side.
-
-    Returns
-    -------
-    Dataset
-        With the dims of the ships ``distance`` (in ranges of the record, 0 within :data:`MARGIN`, NaN after divergence)
-        and ``outside``; by draw and symbol ``lowest`` and ``highest`` prime value, ``below`` and ``above``, the
-        departure in ranges of the record; by symbol ``trained_lowest`` and ``trained_highest``.
-
-    Raises
-    ------
-    TrialError
-        When the ships lack a channel, or the motion a dimension, a symbol, a row or a finite value.
+    ``ships`` have u, v [m/s], r [rad/s], delta [rad], and p [rad/s] and phi [rad] where the vessel rolls; ``motion`` is
+    the prime motion of the record, dims (row, symbol), not mirrored to the other side. Dataset with the dims of the
+    ships: ``distance`` (in ranges of the record, 0 within :data:`MARGIN`, NaN after divergence) and ``outside``; by
+    draw and symbol ``lowest`` and ``highest`` prime value, ``below`` and ``above``, the departure in ranges of the
+    record; by symbol ``trained_lowest`` and ``trained_highest``. TrialError when the ships lack a channel, or the
+    motion a dimension, a symbol, a row or a finite value.
     """
     vessel = as_vessel(vessel)
     trained = _training_motion(motion)

@@ -24,18 +24,8 @@ _GRID, _MARGIN = 81, 1.5
 def force_curves(models: Models, ranges: xr.DataArray | None = None, *, ci_prob: float = 0.95) -> Figure:
     """Prime force and moment of the hull and rudder against v', r' and rudder, one at a time at the nominal speed.
 
-    Parameters
-    ----------
-    models : sequence of (Vessel, ndarray of shape (n_draws, n_coefficients))
-    ranges : DataArray, dims (row, symbol), optional
-        Prime motion of the training record; the range of each quantity is shaded.
-    ci_prob : float, optional
-        Probability inside the equal-tailed bands.
-
-    Raises
-    ------
-    ValueError
-        For no model, or draws of another shape than the vessel's coefficients.
+    ``models`` are pairs of a vessel and draws (n_draws, n_coefficients); ``ranges``, dims (row, symbol), is the prime
+    motion of the training record, whose range is shaded. ValueError for no model, or draws of another shape.
     """
     if not models:
         raise ValueError("Force curves need at least one vessel with draws of its coefficients, found none; add one.")

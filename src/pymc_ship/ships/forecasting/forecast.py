@@ -183,21 +183,11 @@ def pooled_forecast(
 ) -> xr.DataTree:
     """As :func:`forecast`, with the draws of models that differ in terms and parts alone.
 
-    Roll comes from the models that have it; with too few draws for the band, ``dofs`` in attrs has no roll.
-
-    Parameters
-    ----------
-    models : sequence of (Vessel, ndarray of shape (n_draws, n_coefficients))
-    manoeuvre, duration, ci_prob, rng, **settings
-        As :func:`forecast`.
-    noise : mapping of str to float, optional
-        Standard deviation of the sensors by channel [SI].
-    motion : DataArray, dims (row, symbol), optional
-        Prime motion the models were fitted to.
-    errors : mapping of str to ndarray or float, optional
-        Model error that is added to the indices, by kind, from :func:`.model_error`.
-    growth : callable, optional
-        Growths of the error at a distance beyond the motion, such as :meth:`.Ship.growth_at`.
+    Roll comes from the models that have it; with too few draws for the band, ``dofs`` in attrs has no roll. ``models``
+    are pairs of a vessel and draws (n_draws, n_coefficients), fitted to the prime ``motion``, dims (row, symbol).
+    ``noise`` is the sd of the sensors by channel [SI], ``errors`` the error of the indices by kind, from
+    :func:`.model_error`, and ``growth`` that of the error at a distance beyond the motion, such as
+    :meth:`.Ship.growth_at`.
     """
     runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
     rolling = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])

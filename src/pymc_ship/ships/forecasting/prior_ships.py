@@ -79,21 +79,6 @@ def prior_ships(
     References
     ----------
     Gabry et al. (2019), J. R. Statist. Soc. A 182(2):389, doi:10.1111/rssa.12378; IMO (2002), resolution MSC.137(76).
-
-    Examples
-    --------
-    Draws of the default prior of a tanker turn the wrong way more often than those of a sister ship's:
-
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> prior = ps.coefficient_prior([trial], vessel, "order_damped")
-    >>> ships = ps.prior_ships(vessel, prior, ps.zigzag(10, 10), draws=100, rng=rng)
-    >>> sister = ps.coefficient_prior([trial], vessel, "sister_ship", relative_sd=0.1)
-    >>> near = ps.prior_ships(vessel, sister, ps.zigzag(10, 10), draws=100, rng=rng)
-    >>> ships.attrs["share_wrong_way"] > near.attrs["share_wrong_way"] == 0.0
-    True
     """
     rng, vessel, manoeuvre = random_generator(rng), as_vessel(vessel), one_manoeuvre(manoeuvre)
     if draws < 2:

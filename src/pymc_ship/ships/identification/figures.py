@@ -39,19 +39,7 @@ class HeldOutWindow:
 def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int) -> list[HeldOutWindow]:
     """Windows of run ``k``, each restarted from its measured state and simulated by the fit without it.
 
-    Parameters
-    ----------
-    candidate : Candidate
-        Fitted to these trials.
-    trials : sequence of Dataset, dims (time,)
-        Fitted records.
-    k : int
-        Number of the run, from 0.
-
-    Returns
-    -------
-    list of HeldOutWindow
-        The forecast is NaN after divergence.
+    The forecast is NaN after divergence.
     """
     windows = modelled_windows(thin_record(trials[k], candidate.vessel), candidate.vessel)
     fits = [candidate.held_out.fits[k]] * len(windows)
@@ -68,18 +56,7 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
 
 @house_style
 def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
-    """Measured motion of runs, and held-out forecasts of their windows.
-
-    Parameters
-    ----------
-    runs : mapping of str to sequence of HeldOutWindow
-        By the name of the run.
-
-    Returns
-    -------
-    Figure
-        A dot marks each restart.
-    """
+    """Measured motion of runs, and held-out forecasts of their windows; a dot marks each restart."""
     channels = next(iter(runs.values()))[0].channels
     fig, axes = subplots(8.0, 1.75 * len(channels) + 0.7, len(channels), len(runs), sharex="col", sharey="row")
     for column, (name, windows) in enumerate(runs.items()):
@@ -105,15 +82,7 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
 def held_out_overshoots(table: xr.Dataset) -> Figure:
     """Forecast against measured overshoots of held-out runs: angles, and times from reversal to peak.
 
-    Parameters
-    ----------
-    table : Dataset, dims (run, index)
-        ``held_out_indices`` of a :class:`pymc_ship.ships.identification.model.ShipIdentification`.
-
-    Returns
-    -------
-    Figure
-        With intervals of 95 %.
+    Intervals are of 95 %.
     """
     fig, axes = subplots(8.0, 4.3, 1, 2)
     rows = list(index_rows(table))
@@ -140,18 +109,10 @@ def held_out_overshoots(table: xr.Dataset) -> Figure:
 
 
 def score_differences(candidates: Sequence[Candidate], rng: np.random.Generator) -> list[dict]:
-    """Held-out score (elpd) of each term set minus that of the first, per run.
+    """Held-out score (elpd) of each term set minus that of the first, per run, with a Bayesian bootstrap over runs.
 
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-    rng : numpy.random.Generator
-        For the Bayesian bootstrap over runs.
-
-    Returns
-    -------
-    list of dict
-        ``name``, ``differences`` (ndarray, (n_runs,)), ``mean``, ``lower`` and ``upper``; NaN for a set that diverged.
+    Rows have ``name``, ``differences`` (ndarray, (n_runs,)), ``mean``, ``lower`` and ``upper``; NaN for a set that
+    diverged.
     """
     first = candidates[0].held_out.log_density
     run_weights = rng.dirichlet(np.ones(first.size), _BOOTSTRAPS)
@@ -168,19 +129,7 @@ def score_differences(candidates: Sequence[Candidate], rng: np.random.Generator)
 
 @house_style
 def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
-    """Score of each term set minus that of the best, in every held-out run, with mean and interval.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        From :func:`score_differences`.
-    best : str
-        Name of the set at 0.
-
-    Returns
-    -------
-    Figure
-    """
+    """Score of each term set minus that of the ``best``, in every held-out run, with mean and interval."""
     fig, axes = subplots(8.0, 1.5 + 0.42 * len(rows))
     ax, colour = axes[0, 0], DOF_COLOURS["surge"]
     ax.axvline(0.0, color=REFERENCE, ls="--", lw=0.9)
@@ -207,17 +156,7 @@ def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
 
 @house_style
 def diverging_motion(refusals: Sequence[Refusal]) -> Figure:
-    """Speed and rate of turn of the diverging ships against time in L/U, with the feasible limits.
-
-    Parameters
-    ----------
-    refusals : sequence of Refusal
-        Each with its failure.
-
-    Returns
-    -------
-    Figure
-    """
+    """Speed and rate of turn of the diverging ships against time in L/U, with the feasible limits."""
     fig, axes = subplots(8.0, 4.2, 2, 1, sharex="col")
     speed_axes, turn_axes = axes[:, 0]
     motions = [

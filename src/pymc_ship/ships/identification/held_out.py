@@ -71,19 +71,8 @@ def cross_validate(
 ) -> CrossValidation:
     """Leave each run out once, fit to the others, and score its windows with its own current.
 
-    Parameters
-    ----------
-    runs : sequence of sequence of Window
-        Windows of each run; two runs or more.
-    vessel : Vessel
-    fit : callable
-        Estimate of the coefficients from the windows of several runs.
-    scored_windows : sequence of sequence of Window, optional
-        Windows of each run for its score; those of ``runs`` by default.
-
-    Returns
-    -------
-    CrossValidation
+    ``runs`` are the windows of two runs or more, ``fit`` estimates the coefficients from the windows of several runs,
+    and ``scored_windows`` are those for the score, by default the same.
     """
     fits = []
     for k in range(len(runs)):
@@ -220,23 +209,11 @@ def forecast_rows(
 ) -> list[dict]:
     """Measured indices of a held-out run and their forecasts.
 
-    Parameters
-    ----------
-    run : str
-        Name of the run.
-    trial : Dataset, dims (time,)
-    manoeuvre : Manoeuvre
-    models : sequence of (Vessel, ndarray of shape (1 + n_draws, n_coefficients))
-        Fits without the run, with its constants: the estimate, then draws.
-    weight : ndarray, shape (n_models,)
-    noise : mapping of str to float, optional
-        Sd of the measured indices, from :func:`index_noise_sd`; 0 by default.
-
-    Returns
-    -------
-    list of dict
-        ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between
-        the models), ``measured_sd`` and ``scale``, for every index that the run and all models with it reach.
+    ``models`` are fits without the run, with its constants: a vessel and the estimate, then draws, shape (1 + n_draws,
+    n_coefficients); ``weight`` has shape (n_models,); ``noise`` is the sd of the measured indices, from
+    :func:`index_noise_sd`. Rows have ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast``,
+    ``parameter_sd``, ``model_sd`` (between the models), ``measured_sd`` and ``scale``, for every index that the run and
+    all models with it reach.
     """
     duration = float(np.ptp(trial["time"].values))
     forecasts = []

@@ -21,15 +21,7 @@ QUANTILES = {"90": 1.6448536269514722, "95": 1.959963984540054}
 def overshoot_errors(rows: Sequence[Mapping]) -> dict[str, float]:
     """Mean and largest absolute error of the overshoot angles [deg], median relative error of the times [%].
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        From :func:`pymc_ship.ships.identification.held_out.forecast_rows`.
-
-    Returns
-    -------
-    dict of str to float
-        ``first_overshoot_angle_mean``, ..., ``overshoot_time_median``; NaN where no row has the index.
+    Keys ``first_overshoot_angle_mean``, ..., ``overshoot_time_median``; NaN where no row has the index.
     """
 
     def errors(name: str) -> np.ndarray:
@@ -47,17 +39,9 @@ def overshoot_errors(rows: Sequence[Mapping]) -> dict[str, float]:
 
 
 def index_error_rows(table: xr.Dataset) -> list[dict]:
-    """Indices of held-out manoeuvres with their errors.
+    """Held-out indices, dims (run, index), as rows with ``error``, ``z`` and ``leave_one_out_sd``.
 
-    Parameters
-    ----------
-    table : Dataset, dims (run, index)
-        ``held_out_indices`` of a :class:`pymc_ship.ships.identification.model.ShipIdentification`.
-
-    Returns
-    -------
-    list of dict
-        With ``error``, ``z`` and ``leave_one_out_sd``, the sd with the model error of the other runs alone.
+    The last one is the sd with the model error of the other runs alone.
     """
     rows, indices = [], list(index_rows(table))
     for row in indices:

@@ -15,21 +15,10 @@ from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 
 def simulate_open_loop(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, samples: slice) -> np.ndarray:
-    """Simulate draws along the measured inputs of a piece of a record.
+    """Simulate draws (n_draws, n_coefficients) along the measured inputs of a piece of a record.
 
-    Parameters
-    ----------
-    vessel : Vessel
-    coefficients : ndarray, shape (n_draws, n_coefficients)
-    trial : Dataset, dims (time,)
-        The whole record.
-    samples : slice
-        Samples of the piece; the initial state is the first one, smoothed.
-
-    Returns
-    -------
-    ndarray, shape (8, n_draws, n_time)
-        SI units and rad; NaN throughout for a diverged draw. Track and heading start at 0 where not measured.
+    The initial state is the first of the samples, smoothed. Returns shape (8, n_draws, n_time), SI units and rad; NaN
+    throughout for a diverged draw. Track and heading start at 0 where not measured.
     """
     piece, inputs = trial.isel(time=samples), recorded_inputs(trial, vessel)[:, samples]
     interval, unit = sampling_interval(piece), vessel.particulars.ship_time

@@ -215,29 +215,9 @@ def write_refusals(
     *,
     command: str,
 ) -> Path:
-    """Write the page of an identification without a term set: refusals and checks.
+    """Write ``out/refused.html``, the page of an identification without a term set: refusals of a FitError and checks.
 
-    Parameters
-    ----------
-    refusals : sequence of Refusal
-        Of a FitError.
-    vessel : Vessel
-    checks : mapping of str to sequence of Check
-        By the name of the run.
-    out : str or Path
-        Folder, created where it is missing.
-    command : str
-        What repeats the page.
-
-    Returns
-    -------
-    Path
-        ``out/refused.html``.
-
-    Raises
-    ------
-    OutputError
-        When the folder cannot be written.
+    ``command`` repeats the page. OutputError when the folder cannot be written.
     """
     made = check_rows(checks)
     rows = {"refusals": refusal_rows(refusals), "doubts": [row for row in made if row["verdict"] in DOUBTS]}

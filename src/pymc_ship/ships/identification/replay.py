@@ -222,15 +222,6 @@ def score_indices(
     ------
     TrialError
         For a trial that lacks a channel.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5, method="rk4")
-    >>> first = ps.score_indices(vessel, trial, rng=1).sel(run="1", index="first_overshoot_angle")
-    >>> bool(abs(first["forecast"] - first["measured"]) < 0.5)
-    True
     """
     rng, ship, trials = random_generator(rng), as_ship(ship), trial_list(trials)
     names = names or [str(k + 1) for k in range(len(trials))]

@@ -120,17 +120,7 @@ def _in_percent(row: Mapping) -> dict:
 
 @house_style
 def errors_by_channel(scores: xr.Dataset) -> Figure:
-    """Error over the motion and coverage of the bands by channel, a dot for each run.
-
-    Parameters
-    ----------
-    scores : Dataset
-        From :func:`pymc_ship.score`.
-
-    Returns
-    -------
-    Figure
-    """
+    """Error over the motion and coverage of the bands by channel, a dot for each run, from :func:`pymc_ship.score`."""
     fig, axes = subplots(8.0, 3.2, 1, 2)
     positions = np.arange(scores.sizes["channel"])
     offsets = np.linspace(-0.2, 0.2, scores.sizes["run"]) if scores.sizes["run"] > 1 else np.zeros(1)
@@ -173,20 +163,8 @@ def windows_of(
 ) -> Figure:
     """Measured motion of runs, and replays in windows with their bands.
 
-    Parameters
-    ----------
-    ship : Ship, Vessel, str or Path
-    trials : mapping of str to Dataset
-        By name, the head of the column.
-    length, every : float
-        Length of a window, and time between the starts of windows [s].
-    draws : int
-    ci_prob : float
-        Probability inside the bands.
-
-    Returns
-    -------
-    Figure
+    ``trials`` by name, the head of the column; ``length`` of a window and ``every``, the time between their starts [s];
+    ``ci_prob``, the probability inside the bands.
     """
     fig, axes = subplots(8.0, 1.75 * len(_DRAWN) + 0.7, len(_DRAWN), len(trials), sharex="col", sharey="row")
     for column, (name, trial) in enumerate(trials.items()):

@@ -64,29 +64,11 @@ def corrected_indices(
 ) -> list[dict]:
     """Indices of one run, measured and corrected, with the parts of their uncertainty.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-    manoeuvre : Manoeuvre
-        Recognised in the trial.
-    vessel : Vessel
-    rudder_delay : float
-        [s].
-    wind : (float, float) or None
-        Speed [m/s] and direction of origin [deg] of the mean true wind; None for no correction.
-    current, model, rng : DriftCurrent or None, Model, Generator
-
-    Returns
-    -------
-    list of dict
-        For each index: ``index``, ``units`` (L for distances), ``raw``, ``without_current``, ``ratio`` F / B (1 without
-        a model), ``corrected``, ``corrected_for`` (drift, wind, loading or nothing), ``limit`` of IMO MSC.137(76) (NaN
-        for none), and the deviations ``u_record``, ``u_current`` and ``u_model``, shape (n_draws,), NaN where unknown.
-
-    Raises
-    ------
-    TrialError
-        When every draw diverges in the manoeuvre.
+    ``manoeuvre`` is recognised in the trial; ``rudder_delay`` [s]; ``wind`` has speed [m/s] and direction of origin
+    [deg] of the mean true wind, None for no correction. Rows have ``index``, ``units`` (L for distances), ``raw``,
+    ``without_current``, ``ratio`` F / B (1 without a model), ``corrected``, ``corrected_for`` (drift, wind, loading or
+    nothing), ``limit`` of IMO MSC.137(76) (NaN for none), and the deviations ``u_record``, ``u_current`` and
+    ``u_model``, shape (n_draws,), NaN where unknown. TrialError when every draw diverges in the manoeuvre.
     """
     attrs = manoeuvre.attrs | {"rudder_delay": rudder_delay, "approach_speed": manoeuvre.approach_speed}
     smooth, flow = denoise_motion(trial), np.zeros(2) if current is None else current.velocity

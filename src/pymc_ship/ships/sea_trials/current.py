@@ -56,33 +56,10 @@ class DriftCurrent:
 def drift_current(trial: xr.Dataset) -> DriftCurrent:
     """Current from a turning circle of two rounds.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        psi, delta [rad] and x, y [m] over ground; fixed rudder over a heading change of 630 deg or more (the circular
-        requires 720), of which the first 180 are not used.
-
-    Returns
-    -------
-    DriftCurrent
-        Limit of the velocities between positions one round apart, every 5 deg of heading. The circular takes their
-        mean, which includes the transient.
-
-    Raises
-    ------
-    TrialError
-        For a turn that is too short, or a record without a channel.
-
-    Examples
-    --------
-    A tanker that turns in a current of 0.5 m/s to the east:
-
-    >>> import pymc_ship as ps
-    >>> from pymc_ship.ships.sea_trials.current import drift_current
-    >>> circle = ps.simulate("kvlcc2", ps.turning_circle(35), duration=2400, step=0.5, current=(0.5, 90))
-    >>> current = drift_current(circle)
-    >>> print(f"{current.speed:.2f} m/s to {current.direction:.0f} deg")
-    0.50 m/s to 90 deg
+    The trial has psi, delta [rad] and x, y [m] over ground: fixed rudder over a heading change of 630 deg or more (the
+    circular requires 720), of which the first 180 are not used. The current is the limit of the velocities between
+    positions one round apart, every 5 deg of heading; the circular takes their mean, which includes the transient.
+    TrialError for a turn that is too short, or a record without a channel.
     """
     check_trial(trial, ("psi", "delta", "x", "y"))
     smooth = denoise_motion(trial)

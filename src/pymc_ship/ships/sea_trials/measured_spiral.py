@@ -22,21 +22,11 @@ _N_WIDTHS = 201  # equally probable loop widths
 
 
 def measured_spiral(trial: xr.Dataset, ship_time: float) -> xr.Dataset | None:
-    """Steady turns of a spiral test; None for another record.
+    """Steady turns of a spiral test, dims (turn,); None for another record.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        u, v, r, psi and delta.
-    ship_time : float
-        L/U [s].
-
-    Returns
-    -------
-    Dataset or None, dims (turn,)
-        ``delta`` [deg] and ``r`` [deg/s], means over each steady turn, and ``time`` [s], its end. A spiral has five
-        rudder angles or more and turns to both sides. Attrs: ``direct`` (fixed rudder angles) and ``straight``, the
-        largest rate of a straight course.
+    ``ship_time`` is L/U [s]. ``delta`` [deg] and ``r`` [deg/s] are means over each steady turn, ``time`` [s] is its
+    end. A spiral has five rudder angles or more and turns to both sides. Attrs: ``direct`` (fixed rudder angles) and
+    ``straight``, the largest rate of a straight course.
     """
     if any(name not in trial or not np.isfinite(trial[name].values).all() for name in _CHANNELS):
         return None

@@ -19,19 +19,10 @@ _TAILS = (0.025, 0.975)
 def uncertainty_budget(rows: Sequence[dict], rng: np.random.Generator) -> list[dict]:
     """Rows of corrected indices with their uncertainty.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        ``manoeuvre``, ``index``, ``corrected``, ``limit`` (NaN for none) and the deviations of :data:`PARTS` by draw
-        (NaN where unknown).
-    rng : Generator
-
-    Returns
-    -------
-    list of dict
-        With the sd of each part, ``u_runs``, the scatter of repeated runs (NaN for a single one), ``runs``, their
-        number, ``u_c``, the root of the sum of squares, ``U`` = 2 u_c, the 95 % interval ``lower`` to ``upper`` (NaN
-        where a part is unknown) and ``conformity``, empty without a limit.
+    Given are ``manoeuvre``, ``index``, ``corrected``, ``limit`` (NaN for none) and the deviations of :data:`PARTS` by
+    draw (NaN where unknown). Added are the sd of each part, ``u_runs``, the scatter of repeated runs (NaN for a single
+    one), ``runs``, their number, ``u_c``, the root of the sum of squares, ``U`` = 2 u_c, the 95 % interval ``lower`` to
+    ``upper`` (NaN where a part is unknown) and ``conformity``, empty without a limit.
     """
     budget = []
     for row in rows:
