@@ -5,11 +5,13 @@ from statistics import NormalDist
 
 import arviz as az
 import numpy as np
+import pymc as pm
 import pytest
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior, read_posterior, write_posterior
+from pymc_ship.inference.sampling.prior_laws import horseshoe
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
 from tests.inference.sampling.cases import POWER, hyperparameters, log_density_error, regression
 
@@ -41,6 +43,27 @@ def test_the_model_has_named_dims():
     assert model.named_vars_to_dims["coefficients"] == ("coefficient",)
     assert model.named_vars_to_dims["response"] == ("row",)
     assert np.array_equal(model["observed_response"].get_value(), data.response)
+
+
+@pytest.mark.parametrize("prior", [ConjugatePrior(kappa=100.0), horseshoe])
+@pytest.mark.parametrize("errors", ["normal", "student_t", "ar1"])
+def test_chains_start_at_the_fit(prior, errors):
+    """Not at the mean of the prior, many posterior standard deviations away in the coordinates of the model."""
+    start = pymc_model(regression("zscored"), prior, errors).initial_point()
+    np.testing.assert_allclose(start["scaled_coefficients_linear__"], 0.0, atol=1e-9)
+
+
+def test_variational_inference_and_the_mode_agree_with_the_exact_posterior():
+    """From the defaults of PyMC; the mean-field approximation is nearly exact in these coordinates."""
+    data, prior = regression("zscored"), ConjugatePrior(kappa=100.0)
+    exact = prior.exact(data)
+    sd = np.sqrt(np.diag(exact.covariance))
+    with pymc_model(data, prior):
+        drawn = pm.fit(10000, progressbar=False, random_seed=1).sample(2000, random_seed=1)
+        mode = pm.find_MAP(progressbar=False, jitter=False, return_inferencedata=True)
+    for tree in (drawn, mode):
+        coefficients = tree["posterior"]["coefficients"].mean(("chain", "draw")).to_numpy()
+        assert np.abs((coefficients - exact.mean) / sd).max() < 0.3
 
 
 @cache

@@ -9,6 +9,7 @@ import numpy as np
 import pymc as pm
 
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling.whitened_model import coefficients_from_fit
 from pymc_ship.machine.errors import InferenceError
 
 
@@ -55,7 +56,7 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     width = pm.InverseGamma("slab_variance", 2.0, 2.0) * slab**2
     shrunk = (size * tau * local) ** 2
     variance = sigma2 * width * shrunk / (width + shrunk)
-    return pm.Normal("scaled_coefficients", 0.0, pm.math.sqrt(variance), **given), sigma2
+    return coefficients_from_fit(0.0, pm.math.sqrt(variance), given), sigma2
 
 
 def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: float = 2.0, share: float = 0.5) -> tuple:
@@ -86,4 +87,4 @@ def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: flo
     explained = pm.Beta("r2", mean * precision, (1.0 - mean) * precision)
     shares = pm.Dirichlet("share", np.full(data.n_terms, share), dims="coefficient")
     variance = sigma2 * shares * explained / (1.0 - explained)
-    return pm.Normal("scaled_coefficients", 0.0, pm.math.sqrt(variance), **given), sigma2
+    return coefficients_from_fit(0.0, pm.math.sqrt(variance), given), sigma2

@@ -84,7 +84,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     import pymc as pm
     import pytensor.tensor as pt
 
-    from pymc_ship.inference.sampling.whitened_model import linear_coordinates
+    from pymc_ship.inference.sampling.whitened_model import coefficients_from_fit, linear_coordinates
 
     if not _is_own(prior):
         warn_of_units(data, prior)
@@ -101,7 +101,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
         else:
             variance = pm.InverseGamma("scaled_noise_variance", alpha=prior.shape, beta=prior.scale)
             spread = pt.sqrt(prior.coefficient_variance(variance, data.n_terms))
-            scaled = pm.Normal("scaled_coefficients", mu=prior.means(data.n_terms), sigma=spread, **given)
+            scaled = coefficients_from_fit(prior.means(data.n_terms), spread, given)
         coefficients = pm.Deterministic("coefficients", offset + pt.dot(transformation, scaled), dims="coefficient")
         noise_variance = pm.Deterministic("noise_variance", data.response_scale**2 * variance)
         mu, sigma = pt.dot(design, coefficients), pt.sqrt(noise_variance)

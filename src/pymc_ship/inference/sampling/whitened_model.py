@@ -7,7 +7,7 @@ spread of g given sigma2. Sufficient statistics: z = U' (y - X mean) and the res
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -150,6 +150,20 @@ class LinearTransform(Transform):
     def log_jac_det(self, value: TensorVariable, *_: object) -> TensorVariable:
         """Log determinant of the basis."""
         return pt.as_tensor(self.log_volume)
+
+
+def coefficients_from_fit(mean: Any, sd: Any, given: Mapping[str, Any]) -> TensorVariable:
+    """Normal ``scaled_coefficients`` that start at the fit, not at their mean, from which ADVI does not arrive.
+
+    ``given``: dims and transform. An initial value of the model would rule out ``pm.compute_log_likelihood``.
+    """
+    center = given["transform"].center
+
+    def normal(mean: TensorVariable, sd: TensorVariable, size: TensorVariable) -> TensorVariable:
+        return pm.Normal.dist(mean, sd, size=size)
+
+    parts = {"dist": normal, "support_point": lambda *_: pt.as_tensor(center), "class_name": "Normal"}
+    return pm.CustomDist("scaled_coefficients", mean, sd, **parts, **given)
 
 
 def linear_coordinates(data: RegressionData, prior: Prior | Callable, errors: str | Callable) -> LinearTransform:
