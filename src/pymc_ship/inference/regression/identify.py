@@ -111,9 +111,9 @@ def identify(
     >>> identified = ps.identify(noisy, vessel, families=["conjugate"], interval=None, derivative="weak")
     >>> for dof, exact in identified.exact["conjugate"].items():
     ...     print(f"{identified.data[dof].coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
-    Xgsinsin = -0.00166, sd 0.00072
-    Ygsincos|delta| = 0.00553, sd 0.00456
-    Ngsincos|delta| = -0.00148, sd 0.00032
+    Xgsinsin = -0.00200, sd 0.00039
+    Ygsincos|delta| = 0.01065, sd 0.00392
+    Ngsincos|delta| = -0.00088, sd 0.00027
     """
     rng = None if rng is None else random_generator(rng)
     vessel, trial = as_vessel(vessel), as_trial(trial)

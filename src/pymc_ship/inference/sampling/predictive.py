@@ -82,7 +82,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     >>> import pymc_ship as ps
     >>> trial = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data = ps.regression_data(ps.pollute(trial, level=0.01, rng=1), "kvlcc2", "yaw", derivative="weak")
-    >>> old, new = data.rows(np.arange(100)), data.rows(np.arange(100, data.n_rows))
+    >>> old, new = data.rows(np.arange(40)), data.rows(np.arange(40, data.n_rows))
     >>> prior, _ = ps.maximise_evidence(old)
     >>> tree = ps.exact_posterior(old, prior, rng=1)
     >>> predicted = ps.predict(tree, new.design_matrix, rng=1)

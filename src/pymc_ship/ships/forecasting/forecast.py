@@ -98,8 +98,7 @@ def forecast(
     >>> import pymc_ship as ps
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
     >>> trial = ps.pollute(ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5), level=0.01, rng=rng)
-    >>> identified = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
-    >>> ship = ps.Ship.from_posterior(vessel, identified.posteriors("conjugate", draws=40, rng=rng), draws=40, rng=rng)
+    >>> ship = ps.Ship.from_posterior(vessel, ps.trajectory_posterior(trial, vessel, rng=rng), draws=40, rng=rng)
     >>> turn = ps.forecast(ship, ps.turning_circle(35), duration=900, ci_prob=0.9, rng=rng)
     >>> lower, median, upper = turn["index_bands"]["tactical_diameter"].values
     >>> truth = ps.indices(ps.simulate(vessel, ps.turning_circle(35), duration=900, step=0.5))["tactical_diameter"]
