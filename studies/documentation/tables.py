@@ -72,3 +72,16 @@ def foreign_diameters() -> dict[str, list[tuple[float, float, float]]]:
             ends = float(cells[7]), 100.0 * (lower / truth - 1.0), 100.0 * (upper / truth - 1.0)
             diameters.setdefault(cells[0], []).append(ends)
     return diameters
+
+
+def left_out_rows() -> list[str]:
+    """Rows kind, trials, ships, and mean percentages of indices in intervals of 95 and 50 %, of the kinds left out."""
+    cells: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for line in table("left_out/tables/ships"):
+        held = float(line["hold_95"]), float(line["hold_50"])
+        cells.setdefault((line["hull"], line["trials"]), []).append(held)
+    return [
+        f"| {kind} | {trials} | {len(held)} | {sum(h for h, _ in held) / len(held):.0f} | "
+        f"{sum(h for _, h in held) / len(held):.0f} |"
+        for (kind, trials), held in sorted(cells.items())
+    ]

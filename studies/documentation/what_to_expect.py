@@ -42,7 +42,8 @@ tactical diameter is {foreign_error} %, and {foreign_inside} intervals hold the 
 
 - **Zigzags forecast zigzags.** The overshoots of the KVLCC2 are right to half a degree.
 - **Hard turns need a circle.** A ship known from zigzags alone turns where no trial was. The interval of a circle is
-  therefore wider.
+  therefore wider. Where the rudder stalls beyond zigzags of 10 deg, intervals of 95 % hold {stalled} % of
+  the indices ([kinds left out](case_studies/foreign_ships.md#kinds-left-out)).
 - **Sail more than one kind of run.** From two circles and random tests the model error of a zigzag cannot be measured.
   The Esso Osaka shows what follows: intervals that are far too narrow.
 - **Small zigzags alone are the weakest trials.** Their intervals are the widest of the figure.
@@ -76,6 +77,7 @@ def what_to_expect() -> str:
         indices=population["indices"],
         diameter=f"{float(diameter['median_error']):.2f}",
         cases=summary["cases"],
+        stalled=stalled(),
         foreign_error=summary["error"],
         foreign_inside=summary["inside"],
         overshoots=" and ".join(f"{mean_overshoot_error(name):.2f}" for name in OVERSHOOTS),
@@ -85,6 +87,12 @@ def what_to_expect() -> str:
         made=made,
         held=held,
     )
+
+
+def stalled() -> str:
+    """Percentage of indices in intervals of 95 %, of ships with rudder stall known from zigzags of 10 deg."""
+    ships = [line for line in table("left_out/tables/ships") if line["hull"] == "rudder stall"]
+    return f"{np.mean([float(line['hold_95']) for line in ships if line['trials'] == '10/10 to both sides']):.0f}"
 
 
 def trials_row(line: dict[str, str]) -> str:

@@ -12,7 +12,7 @@ import pytest
 
 from pymc_ship.ships.ensemble.calibration import constants
 from studies.documentation.figures import FIGURES, NORMAL_95, known_sd
-from studies.documentation.tables import foreign_summary, interval_rows, interval_summary, table
+from studies.documentation.tables import foreign_summary, interval_rows, interval_summary, left_out_rows, table
 from studies.documentation.what_to_expect import what_to_expect
 
 ROOT = Path(__file__).parents[2]
@@ -201,6 +201,7 @@ def of_foreign_ships():
         f"Of {TRIALS} statements of 99 % beyond the motion of the runs, {HITS} held, {statement('0.99'):.1f} %",
         f"a median error of {number(rows('stops')['track reach'], 'median_error', 1)} L and a half width of "
         f"{number(rows('stops')['track reach'], 'half_width', 1)} L",
+        *left_out_rows(),
     ]
 
 
