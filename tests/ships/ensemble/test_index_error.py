@@ -119,6 +119,25 @@ class TestExtrapolationGrowth:
         growth = extrapolation_growth(rows, {"angle": np.full(SIZES, 0.1)})
         assert np.quantile(growth, 0.9) < 10.0
 
+    def test_it_is_the_law_by_quadrature(self):
+        """Of a quarter of each row's likelihood and the mean over the sizes of the error within the runs."""
+        rows = [harder(0.03, 1.0, parameter_sd=0.004), harder(-0.08, 2.5, parameter_sd=0.004)]
+        within = np.concatenate([np.full(SIZES // 2, 0.001), np.full(SIZES // 2, 0.05)])
+        growth = np.geomspace(1e-4, 1e4, 20001)
+        likelihood = np.zeros(growth.size)
+        for size in (0.001, 0.05):
+            density = 1.0
+            for error, beyond in ((0.03, 1.0), (0.08, 2.5)):
+                sd = np.sqrt(0.004**2 + size**2 + (EXTRAPOLATION_SD * beyond * growth) ** 2)
+                density = density * stats.norm.pdf(error, 0.0, sd) ** 0.25
+            likelihood += density
+        weight = likelihood * growth * stats.cauchy.pdf(growth)  # of log growth
+        cumulative = np.cumsum(weight) / weight.sum()
+        for probability in (0.1, 0.5, 0.9):
+            expected = np.interp(probability, cumulative, growth)
+            made = np.quantile(extrapolation_growth(rows, {"angle": within}), probability, method="hazen")
+            assert made == pytest.approx(expected, rel=0.02), probability
+
     def test_rows_count_for_a_part(self):
         """Four copies of a row narrow the law; each has a quarter of its likelihood."""
         one, four = (extrapolation_growth(n * [harder(0.2)], self.ERRORS) for n in (1, 4))
