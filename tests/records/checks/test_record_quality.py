@@ -37,6 +37,17 @@ def test_a_record_in_days_that_is_read_in_seconds_has_too_many_samples(zigzag, c
     assert "No logger is so fast: state the unit of time in the format" in check.sentence
 
 
+@pytest.mark.parametrize("times", [2, 3])
+def test_readings_that_stand_several_times_are_counted(zigzag, container, times):
+    """A log at 1 Hz whose every reading stands twice, read as one at 2 Hz."""
+    held = noisy(zigzag).isel(time=np.arange(zigzag.sizes["time"]) // times * times)
+    check = checks_by_name(held.assign_coords(time=zigzag["time"]), container)["sampling"]
+    assert check.verdict == "doubtful"
+    assert f"Each reading stands {times} times in a row" in check.sentence
+    one_slow = noisy(zigzag).assign(x=held["x"].variable, y=held["y"].variable)
+    assert checks_by_name(one_slow, container)["sampling"].verdict == "good"
+
+
 def test_a_rudder_that_jumps_between_samples_is_doubted(container):
     trial = noisy(steered(container, rate_limited=False)).isel(time=slice(None, None, 5))
     checks = checks_by_name(trial, container)

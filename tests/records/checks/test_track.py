@@ -8,7 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.records.checks.track import DRIFT_GOOD, axes_checks, drift_check, earth_velocity, lever_check
 from pymc_ship.records.checks.verdicts import integral, ship_scale
-from tests.records.checks.cases import INTERVAL, changed, simulated
+from tests.records.checks.cases import INTERVAL, changed, checks_by_name, noisy, simulated
 
 
 @pytest.fixture(scope="module")
@@ -64,3 +64,11 @@ def test_a_drift_is_compared_with_the_length_or_the_distance(clean, container, s
     for drift, verdict in ((np.mean(allowed), "good"), (1.3 * max(allowed), "doubtful")):
         carried = changed(trial, y=trial["y"].values + drift * time / seconds)
         assert drift_check(carried, ship_scale(carried, container)).verdict == verdict
+
+
+@pytest.mark.parametrize("step", [0.5, 1.0])
+def test_half_a_sample_of_travel_is_no_lever_arm(step):
+    """Euler steps, whose track is half a step behind: 2.4 m of 320 m at 1 s."""
+    vessel = ps.load_vessel("kvlcc2")
+    run = ps.simulate(vessel, ps.zigzag(20.0, 20.0), duration=800.0, step=step)
+    assert checks_by_name(noisy(run, level=0.005), vessel)["lever arm"].verdict == "good"

@@ -14,6 +14,7 @@ from pymc_ship.trial.record import sampling_interval, second_difference_sd
 SAMPLES_DOUBTFUL, SAMPLES_BAD = 10.0, 4.0  # samples in L/U; a ship answers within a fraction of it
 MOST_SAMPLES = 1e5  # samples in L/U from which time has another unit; 1 kHz on the slowest ship are 6e4
 LOST_DOUBTFUL, LOST_BAD = 0.1, 0.5  # fraction of the rows of a file that its reading leaves out
+REPEATED = 1.5  # samples of one reading, from which the readings stand several times in the record
 RUDDER_STEP = 0.25  # rudder travel between samples over its range, beyond which its moves are not resolved
 FASTEST_GEAR = 300.0  # rudder angle [deg] in L/U beyond any steering gear; quick models reach 150
 NOISE_DOUBTFUL, NOISE_BAD = 1.0 / 3.0, 1.0  # noise of a sample over the spread of the signal
@@ -61,6 +62,10 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return Check("sampling", "bad", text, numbers)
     if samples < SAMPLES_DOUBTFUL:
         return Check("sampling", "doubtful", f"{text} That is few; use the trajectory fit, or sample faster.", numbers)
+    if (repeats := _repeats(trial)) > REPEATED:
+        text = f"Each reading stands {repeats:.2g} times in a row: thin the record to one every "
+        text += f"{repeats * interval:.3g} s, else intervals are too narrow."
+        return Check("sampling", "doubtful", text, numbers)
     if travel > RUDDER_STEP and rate * scale.time > FASTEST_GEAR:
         text = f"The rudder moves by {travel:.0%} of its range between samples, {rate:.3g} deg/s: that is an ordered "
         text += "angle, or a gear far quicker than the ship; a fit takes it for the angle itself."
@@ -69,6 +74,15 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         text = f"The rudder moves by {travel:.0%} of its range between samples; sample faster."
         return Check("sampling", "doubtful", text, numbers)
     return Check("sampling", "good", text, numbers)
+
+
+def _repeats(trial: xr.Dataset) -> float:
+    """Samples of one reading, on average: all channels stand still together, although the ship moves."""
+    names = [name for name in ("x", "y", "psi", "u", "v", "r") if name in trial]
+    values = np.array([trial[name].values for name in names]).reshape(len(names), trial.sizes["time"])
+    moved = (np.diff(values, axis=1) != 0.0).any(axis=0)
+    moving = np.flatnonzero(moved)
+    return float(np.ptp(moving) / max(moving.size - 1, 1)) if moving.size else 1.0
 
 
 def noise_check(trial: xr.Dataset) -> Check:

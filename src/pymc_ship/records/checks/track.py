@@ -159,7 +159,8 @@ def lever_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return not_checked("lever arm", f"the misfit is not that of a lever arm ({lever:.3g} m)", numbers)
     if abs(lever) <= SIGNIFICANT * error > SEEN_LEVER * scale.L:
         return not_checked("lever arm", f"its standard error is {error:.2g} m; use a zigzag", numbers)
-    if abs(lever) > SIGNIFICANT * error and abs(lever) > LEVER * scale.L:
+    half_sample = 0.5 * scale.U * sampling_interval(trial)  # of travel, which the clock of a sensor explains
+    if abs(lever) > SIGNIFICANT * error + half_sample and abs(lever) > LEVER * scale.L:
         side = "aft" if lever > 0.0 else "forward"
         text = f"v is measured {abs(lever):.3g} m {side} of the point of x, y; move it there."
         return Check("lever arm", "doubtful", text, numbers, mendable=True)
