@@ -7,8 +7,10 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.ships.ensemble.index_table import index_table
 from tests.sentences import refused
 from tests.ships.ensemble.cases import motion_of, ship_of
+from tests.ships.forecasting.cases import scattered as draws_of
 from tests.ships.forecasting.posteriors import joint, posterior, scattered
 from tests.ships.identification.cases import tanker, trial
 from tests.ships.identification.three_zigzags import model
@@ -144,3 +146,36 @@ def test_members_keep_their_weights_and_the_vessel_is_that_with_most_dofs():
     assert ship.draws == 4
     assert ship.vessel is rolling
     assert [vessel for vessel, _ in ship.models] == [tanker(), rolling]
+
+
+ROW = {
+    **{"run": "1", "manoeuvre": "zigzag 20/20 port", "index": "first_overshoot_angle", "kind": "angle"},
+    **{"measured": 10.0, "forecast": 11.0, "parameter_sd": 0.9, "model_sd": 0.0, "measured_sd": 0.1, "scale": 30.0},
+}
+
+
+class TestGrowthBeyondTheRuns:
+    GROWTH = np.full(200, 0.5)
+
+    def ship(self, *distances, **known):
+        rows = [ROW | {"run": str(k), "beyond": beyond} for k, beyond in enumerate(distances)]
+        known |= {"harder_indices": index_table(rows), "extrapolation_growth": self.GROWTH}
+        return ship_of((tanker(), draws_of(tanker(), 40)), **known)
+
+    def test_it_is_measured_as_far_as_the_hardest_run_went(self):
+        ship = self.ship(0.5, 1.5)
+        np.testing.assert_array_equal(ship.growth_at(1.5), self.GROWTH)
+        assert np.median(ship.growth_at(3.0)) > 0.6
+
+    def test_without_harder_runs_it_is_one_law_at_all_distances(self):
+        np.testing.assert_array_equal(self.ship().growth_at(9.0), self.GROWTH)
+
+    def test_a_forecast_has_it(self):
+        """A turn far beyond a gentle zigzag: harder runs that went as far, or hardly beyond it."""
+        known = {"motion": motion_of(tanker(), [trial(ps.zigzag(5, 5))]), "index_error": {}}
+        widths = []
+        for distances in ((2.0, 100.0), (0.02,)):
+            turn = ps.forecast(self.ship(*distances, **known), ps.turning_circle(35), draws=40, rng=1)
+            lower, _, upper = turn["index_bands"]["advance"].values
+            widths.append(float(upper - lower))
+        assert widths[1] > 1.3 * widths[0]
