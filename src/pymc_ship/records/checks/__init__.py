@@ -10,5 +10,6 @@
 - `surroundings`: advance number of the propeller, true or relative wind.
 - `plausibility`: whether the motion can be that of this ship, and which piece of it the models cover.
 - `excitation`: straight approach, range of the motion, directions of the design above the noise.
+- `run_set`: the same motion in two runs.
 - `trial_checks`: all checks of a record, and the record corrected by them.
 """

@@ -24,6 +24,7 @@ from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
+from pymc_ship.records.checks.run_set import repeated_runs
 from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
@@ -178,6 +179,7 @@ def identify_ship(
     candidates, refusals = fit_candidates(term_set_names, training, rng)
     fullest_vessel = most_dofs(candidate.vessel for candidate in candidates)
     remarks = [
+        *repeated_runs(dict(zip(names, trials, strict=True))),
         *vessel_remarks(fullest_vessel),
         *(refusal.sentence for refusal in refusals),
         *partial_run_remarks(names, training, candidates),
