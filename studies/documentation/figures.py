@@ -13,6 +13,8 @@ from studies.documentation.tables import foreign_diameters, table
 NORMAL_95 = 1.96
 """Half width of an interval of 95 % of the normal law [standard deviations]."""
 
+_LEVELS = (BLUE, RUST, "#3a8f4d")  # colours of the noise levels
+
 SHORTENED = re.compile(
     ", least ESS|, with compilation|, translation invariant|, bands, indices|, kernels from the cache"
     "| of the equations.*| in the lanes of one core"
@@ -88,6 +90,29 @@ def coefficient_coverage() -> Figure:
 
 
 @house_style
+def intervals_by_ship() -> Figure:
+    """Share of coefficients inside intervals of 90 and 50 %, by ship, manoeuvre and noise, with standard errors."""
+    cells: dict[tuple[str, str], list[dict[str, str]]] = {}
+    for line in table("intervals/cells"):
+        cells.setdefault((line["ship"], line["manoeuvre"].removesuffix(" port")), []).append(line)
+    height = np.arange(len(cells))[::-1]
+    fig, axes = subplots(6.4, 5.2)
+    ax = axes[0, 0]
+    for name, nominal, marker in (("coverage", 90.0, "o"), ("coverage_half", 50.0, "s")):
+        ax.axvline(nominal, color=REFERENCE, ls="--", lw=0.9)
+        for k, colour in enumerate(_LEVELS):
+            rows = [lines[k] for lines in cells.values()]
+            values, errors = ([float(line[column]) for line in rows] for column in (name, f"{name}_se"))
+            label = f"noise {100.0 * float(rows[0]['level']):g} %" if nominal > 50.0 else None
+            style = {"color": colour, "ls": "none", "ms": 4.0, "elinewidth": 0.8, "marker": marker}
+            ax.errorbar(values, height + 0.25 - 0.25 * k, xerr=errors, label=label, **style)
+    ax.set_yticks(height, [f"{ship}, {manoeuvre}" for ship, manoeuvre in cells])
+    ax.set_xlabel("coefficients inside intervals of 50 % (squares) and 90 % (circles) [%]")
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return fig
+
+
+@house_style
 def model_error() -> Figure:
     """Errors of held-out indices of the KVLCC2 over their standard deviation, without and with the model error."""
     rows = table("kvlcc2/tables/held_out_indices")
@@ -149,6 +174,7 @@ FIGURES = {
     "what_to_expect": what_to_expect,
     "foreign_ships": foreign_diameters_by_case,
     "coefficient_coverage": coefficient_coverage,
+    "intervals_by_ship": intervals_by_ship,
     "model_error": model_error,
     "esso_osaka_inputs": esso_osaka_inputs,
     "speed": speed,

@@ -21,17 +21,6 @@ def row(name: str, column: str, value: str) -> dict[str, str]:
     return match
 
 
-def interval_rows() -> list[str]:
-    """Rows ship, manoeuvre, and by level the percentages of coefficients in intervals of 90 and 50 %, with errors."""
-    cells: dict[tuple[str, str], list[str]] = {}
-    for line in table("intervals/cells"):
-        held = " / ".join(
-            f"{float(line[name]):.0f} ± {float(line[f'{name}_se']):.0f}" for name in ("coverage", "coverage_half")
-        )
-        cells.setdefault((line["ship"], line["manoeuvre"].removesuffix(" port")), []).append(held)
-    return [f"| {ship} | {manoeuvre} | {' | '.join(levels)} |" for (ship, manoeuvre), levels in cells.items()]
-
-
 def interval_summary() -> str:
     """Sentence on all cells and the worst ones."""
     rows = table("intervals/cells")

@@ -12,7 +12,7 @@ import pytest
 
 from pymc_ship.ships.ensemble.calibration import constants
 from studies.documentation.figures import FIGURES, NORMAL_95, known_sd
-from studies.documentation.tables import foreign_summary, interval_rows, interval_summary, left_out_rows, table
+from studies.documentation.tables import foreign_summary, interval_summary, left_out_rows, table
 from studies.documentation.what_to_expect import what_to_expect
 
 ROOT = Path(__file__).parents[2]
@@ -94,7 +94,6 @@ def of_intervals():
         f"With the paper's pipeline it does so in {ends[PIPELINE]}, and with central differences in "
         f"{ends['central difference']}. The trajectory fit reaches {ends['trajectory fit']}, the weak form "
         f"{ends['weak form']}.",
-        *interval_rows(),
         interval_summary(),
     ]
 
