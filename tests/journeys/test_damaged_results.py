@@ -130,7 +130,7 @@ def fuzz_trials(text, place, seeds):
 
 def test_mutated_trials_with_mutated_formats_are_checked_or_refused(made, tmp_path):
     counts = fuzz_trials(trial_and_format(made), tmp_path, range(200))
-    assert set(counts) == {0, 2, 3} or set(counts) == {2, 3}, counts
+    assert {2, 3} <= set(counts) <= {0, 2, 3, 4}, counts
     assert counts[2] > 20
 
 

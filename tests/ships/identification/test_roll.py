@@ -64,10 +64,11 @@ def test_sets_with_roll_take_part_where_she_heels_and_it_is_measured(trials):
 
 
 def test_her_heel_in_the_turn_is_forecast_from_the_zigzags(ship):
-    lower, median, upper = ps.forecast(ship, TURN, rng=1)["index_bands"]["maximum_roll_angle"].values
+    """By the interval of 80 %: that of 95 % has the heavy tail of the growth beyond the runs."""
+    lower, median, upper = ps.forecast(ship, TURN, ci_prob=0.8, rng=1)["index_bands"]["maximum_roll_angle"].values
     assert lower < largest_heel(tender(0.4)) < upper
     assert not lower < largest_heel(tender(0.8)) < upper
-    assert upper - lower < median
+    assert upper - lower < 0.5 * median
 
 
 def test_roll_is_that_of_the_sets_that_have_it():

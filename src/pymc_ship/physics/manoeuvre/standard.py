@@ -146,6 +146,13 @@ def turning_circle(rudder_deg: float = 35.0, *, side: str = "port", approach_spe
     """Turning circle with constant rudder from time 0.
 
     Parameters and errors as :func:`zigzag`.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> turn = ps.simulate("kvlcc2", ps.turning_circle(35), duration=900, step=0.5)
+    >>> print(f"{float(ps.indices(turn)['tactical_diameter']) / 320.0:.2f} L")
+    3.61 L
     """
     return standard_manoeuvre("turning_circle", rudder_deg, side=side, approach_speed=approach_speed)
 

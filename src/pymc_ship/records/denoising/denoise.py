@@ -156,6 +156,15 @@ def denoise_signal(
     References
     ----------
     Johnstone & Silverman (2005), Ann. Statist. 33(4):1700, doi:10.1214/009053605000000345.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> signal = np.sin(np.linspace(0.0, 12.0, 1024))
+    >>> noisy = signal + 0.1 * np.random.default_rng(1).standard_normal(signal.size)
+    >>> print(f"{np.std(ps.denoise_signal(noisy) - signal):.3f}")
+    0.013
     """
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, "scale": scale}
     settings |= {"rule": rule, "levels": levels, "boundary": boundary}
