@@ -8,6 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD
 from pymc_ship.ships.ensemble.motion_error import ERROR_STATES
 from pymc_ship.ships.identification.open_loop import reading_noise_sd
 from pymc_ship.ships.identification.replay import SCORED
@@ -157,3 +158,15 @@ def test_bands_grow_beyond_the_motion_of_the_runs(tanker):
     assert widths["turning_circle"]["u"] < 1e-6
     assert widths["zigzag"]["u"] > 0.01 * tanker.particulars.nominal_speed
     assert widths["zigzag"]["x"] > 0.01 * tanker.particulars.L
+
+
+def test_indices_beyond_the_runs_have_the_growth_of_the_error(tanker):
+    circle = ps.simulate(tanker, ps.turning_circle(35), duration=DURATION, step=0.5, method="rk4")
+    tables = {}
+    for known in (ps.zigzag(10, 10), ps.turning_circle(35)):
+        tables[known.kind] = ps.score_indices(identified_from(tanker, known), circle, rng=1)
+    inside, beyond = tables["turning_circle"], tables["zigzag"]
+    assert float(inside["beyond"].max()) == 0.0
+    assert (beyond["beyond"] > 1.0).all()
+    grown = np.sqrt(beyond["sd"] ** 2 - inside["sd"] ** 2) / (EXTRAPOLATION_SD * beyond["beyond"] * beyond["scale"])
+    assert (grown > 1.0).all()  # the 95 % interval of a half-Cauchy growth is wider than that of its median

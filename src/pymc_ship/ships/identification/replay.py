@@ -99,7 +99,7 @@ def replay(
     if ship.motion_error:
         lead = piece["time"].values - piece["time"].values[0]
         beyond = extrapolation_distance(ship, ships.median("draw"), piece)
-        growth = ship.growth_at(float(0.0 if beyond is None else np.nanmax(beyond, initial=0.0)))
+        growth = ship.growth_at(_greatest(beyond))
         predictive = motion(with_motion_error(states, lead, ship.motion_error, ship.vessel, beyond, growth))
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
@@ -214,7 +214,8 @@ def score_indices(
     -------
     Dataset, dims (run, index)
         ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between the models), ``measured_sd`` (of the
-        measurement noise), ``scale``, and ``sd`` of the error, with model error; all sds are 0 for a vessel.
+        measurement noise), ``scale``, ``beyond``, the distance of the record from the runs of the identification, and
+        ``sd`` of the error, with the model error at this distance; all sds are 0 for a vessel.
         Coordinates ``manoeuvre`` (run), ``quantity`` and ``units`` (index). Records of no standard
         manoeuvre are left out.
 
@@ -238,8 +239,17 @@ def score_indices(
             ]
             delay = models[0][0].particulars.rudder_delay
             noise = {} if ship.index_error is None else index_noise_sd(trial, manoeuvre, delay, rng)
-            rows += forecast_rows(name, trial, manoeuvre, models, weight / weight.sum(), noise)
-    return index_table([row | {"sd": index_sd(row, errors)} for row in rows])
+            forecasts = forecast_rows(name, trial, manoeuvre, models, weight / weight.sum(), noise)
+            beyond = 0.0 if ship.index_error is None else _greatest(extrapolation_distance(ship, trial, trial))
+            growth = ship.growth_at(beyond)
+            forecasts = [row | {"beyond": beyond} for row in forecasts]
+            rows += [row | {"sd": index_sd(row, errors, growth)} for row in forecasts]
+    return index_table(rows)
+
+
+def _greatest(distance: np.ndarray | None) -> float:
+    """Greatest distance beyond the runs, 0 where none is known."""
+    return 0.0 if distance is None else float(np.nanmax(distance, initial=0.0))
 
 
 def _score_run(
@@ -250,7 +260,7 @@ def _score_run(
     begins = np.arange(time[0], time[-1] - length + 1e-9, every)
     if not begins.size:
         raise TrialError(
-            f"A score needs a record of {length:g} s or more, drawn_models {np.ptp(time):.4g} s; give a shorter length."
+            f"A score needs a record of {length:g} s or more, found {np.ptp(time):.4g} s; give a shorter length."
         )
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
     complete = [tree for tree in trees if np.isfinite(tree["bands"].dataset["u"].values[:, -1]).all()]
