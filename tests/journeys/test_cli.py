@@ -163,10 +163,10 @@ def test_commands_read_a_trial_by_its_format_and_tell(made, foreign, tmp_path, c
     *told, stopped = capsys.readouterr().err.splitlines()
     assert told[:3] == [
         f"{trial}: Columns read: delta from 'RUD' in deg.",
-        f"{trial}: delta changed in sign: the file counts it positive to starboard.",
         f"{trial}: 1 gap of up to 1 sample: 1 filled by interpolation.",
+        f"{trial}: delta changed in sign: the file counts it positive to starboard.",
     ]
-    judged = f"{trial}: Doubtful: gaps: {told[2].removeprefix(f'{trial}: ')} Look at these places before a fit."
+    judged = f"{trial}: Doubtful: gaps: {told[1].removeprefix(f'{trial}: ')} Look at these places before a fit."
     assert told[3:] == ([] if command == "denoise" else [f"checking {trial}", judged])
     assert stopped == "pymc-ship: stopped."
     assert main([*map(str, words), "--quiet"]) == 2

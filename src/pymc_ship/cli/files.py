@@ -19,6 +19,7 @@ from pymc_ship.physics.vessel.plausibility import remarks
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.lag import common_lag
 from pymc_ship.records.checks.verdicts import Check
+from pymc_ship.records.files.rudder_side import check_one_side
 
 Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str] | tuple[str, Path | None, str, int]
@@ -68,6 +69,7 @@ def validated_trials(
         trials.append(trial_argument(path, layout, progress))
         progress(f"checking {path}")
         checks.append(ps.trial_checks(trials[-1], vessel, any_speed=any_speed))
+    check_one_side(dict(zip(paths, trials, strict=True)))
     if len(paths) > 1 and (lag := common_lag(checks)):
         checks = [ps.trial_checks(trial, vessel, lag=lag, any_speed=any_speed) for trial in trials]
     for k, path in enumerate(paths):

@@ -110,8 +110,13 @@ def sampling_interval(trial: xr.Dataset) -> float:
     return float((time[-1] - time[0]) / (time.size - 1))
 
 
+def rudder_line(side: str) -> str:
+    """Comment line of a file on the side that a positive rudder turns to."""
+    return f'# rudder_positive = "{side}"'
+
+
 def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
-    """Write the channels of a trial to CSV, without loss of digits.
+    """Write the channels of a trial to CSV, without loss of digits, and the side of a positive rudder.
 
     Parameters
     ----------
@@ -139,6 +144,7 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     names = [name for name in CHANNELS if name in trial]
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
     with staged_path(path) as partial, partial.open("w", encoding="utf-8") as file:
+        file.write(f"{rudder_line('port')}\n" if "delta" in names else "")
         file.write(",".join(["time", *names]) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
     return path

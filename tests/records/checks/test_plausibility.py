@@ -9,7 +9,8 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.records.checks.plausibility import DRIFT, _faults, piece_check, pieces_ahead, spans_text
-from pymc_ship.records.checks.verdicts import SLOW, ship_blocks, ship_scale
+from pymc_ship.records.checks.verdicts import SLOW
+from pymc_ship.records.files.ship_scale import ship_blocks, ship_scale
 from tests.records.checks.cases import alarms, changed, checks_by_name, noisy, simulated
 
 

@@ -7,7 +7,8 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.records.checks.track import DRIFT_GOOD, axes_checks, drift_check, earth_velocity, lever_check
-from pymc_ship.records.checks.verdicts import integral, ship_scale
+from pymc_ship.records.checks.verdicts import integral
+from pymc_ship.records.files.ship_scale import ship_scale
 from tests.records.checks.cases import INTERVAL, changed, checks_by_name, noisy, simulated
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import pymc_ship as ps
+from pymc_ship.trial.record import rudder_line
 
 NAMES = ("time", "u", "v", "r", "p", "phi", "psi", "x", "y", "delta")
 
@@ -22,8 +23,9 @@ def columns(trial, names=NAMES):
 
 
 def written(table, delimiter=",", header=None, cell=repr):
-    """Text of a table; cells that are NaN are empty."""
+    """Text of a table, with the side of a positive rudder in its last line; cells that are NaN are empty."""
     names = list(table) if header is None else header
     rows = zip(*(values.tolist() for values in table.values()), strict=True)
     lines = [delimiter.join("" if value != value else cell(value) for value in row) for row in rows]
-    return "\n".join([delimiter.join(names), *lines]) + "\n"
+    stated = [rudder_line("port")] if "delta" in table else []
+    return "\n".join([delimiter.join(names), *lines, *stated]) + "\n"

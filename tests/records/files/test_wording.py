@@ -11,12 +11,14 @@ import numpy as np
 import pymc_ship as ps
 from pymc_ship.records.files.columns import matched_columns
 from pymc_ship.records.files.format import load_format
+from pymc_ship.records.files.rudder_side import check_one_side
 from tests.records.files.cases import columns, written
 from tests.records.files.test_columns import matched
 from tests.records.files.test_instruments import ramp
 from tests.records.files.test_time_base import regularised, signal
 from tests.sentences import wording
 
+SIDES = {"a.csv": "port", "b.csv": "starboard", "c.csv": "port"}
 FAULT = "missing, found others in "
 
 
@@ -44,8 +46,18 @@ def polluted_with_a_gap(zigzag_trial):
     ps.pollute(gap, level=0.1, rng=np.random.default_rng(13))
 
 
+def without_a_side(run, read):
+    read(written(columns(run.isel(time=slice(15)))).replace("# rudder_positive", "# note"))
+
+
+def of_two_sides(run):
+    check_one_side({name: run.assign_attrs(rudder_positive=side) for name, side in SIDES.items()})
+
+
 test_trial_errors = wording(
     ps.TrialError,
+    (r'must be stated, .*the line \[frame\], below it rudder_positive = "starboard" \(or "port"\)', without_a_side),
+    (r"positive angles that turn to port, but to starboard in b.csv; check", of_two_sides),
     *(
         (
             rf"run.csv, column '{heading}': its unit is not stated; state it, such as '{heading} \[",
@@ -101,7 +113,10 @@ test_trial_errors = wording(
             ("[frame]\nvelocity = 'earth'", "unknown key frame.velocity; known here are axes, velocities, heading"),
             ("[frame]\nvelocities = 'ground'", "frame.velocities is one of body, earth; found 'ground'; choose one"),
             ("[frame]\nheading = ['compass']", "frame.heading is one of .*; found \\['compass'\\]"),
-            ("[frame]\nrudder_positive = 'left'", "frame.rudder_positive is one of port, starboard; found 'left'"),
+            (
+                "[frame]\nrudder_positive = 'left'",
+                "frame.rudder_positive is one of auto, port, starboard; found 'left'",
+            ),
             ("[frame]\nreference = 'G'", "frame.reference must be a finite number, found 'G'"),
             ("[scale]\nfroude = 0", "scale.froude must be positive, found 0"),
             ("[scale]\nfroude = '1:45'", "scale.froude must be a finite number, found '1:45'"),

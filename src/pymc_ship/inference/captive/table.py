@@ -147,7 +147,7 @@ def _tests(quantities: dict[str, np.ndarray], layout: TrialFormat, vessel: Vesse
     zero = np.zeros_like(quantities["U"])
     U, beta = root * quantities["U"], quantities.get("beta", zero)
     u, v, r = U * np.cos(beta), -U * np.sin(beta), quantities.get("r", zero) / root
-    side = 1.0 if layout.rudder_positive == "port" else -1.0
+    side = -1.0 if layout.rudder_positive == "starboard" else 1.0
     lever = layout.reference * layout.froude
     motion = {"u": u, "v": v - lever * r, "r": r, "delta": side * quantities.get("delta", zero)}
     if "n" in quantities:

@@ -21,7 +21,7 @@ from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 from pymc_ship.records.checks.record_quality import SAMPLES_BAD
-from pymc_ship.records.checks.verdicts import ship_scale
+from pymc_ship.records.files.ship_scale import ship_scale
 from pymc_ship.trial.record import sampling_interval, trial_list
 
 if TYPE_CHECKING:

@@ -16,18 +16,15 @@ from pymc_ship.records.checks.mistakes import SPEED_UNITS, UNEXPLAINED, explanat
 from pymc_ship.records.checks.verdicts import (
     SIGNIFICANT,
     SLOW,
-    Blocks,
     Check,
     Numbers,
-    ShipScale,
     integral,
-    least_squares,
     longest_piece,
     missing_channels_text,
     not_checked,
-    ship_blocks,
     straight_approach,
 )
+from pymc_ship.records.files.ship_scale import Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1  # scale error of a rate from which it is doubtful, and from which it is bad

@@ -19,14 +19,12 @@ from pymc_ship.records.checks.verdicts import (
     SIGNIFICANT,
     SLOW,
     Check,
-    ShipScale,
-    least_squares,
     longest_piece,
     missing_channels_text,
     not_checked,
     pieces,
-    ship_blocks,
 )
+from pymc_ship.records.files.ship_scale import ShipScale, least_squares, ship_blocks
 from pymc_ship.trial.record import sampling_interval
 
 DRIFT = 0.6  # largest v/U of a ship that makes way ahead: a drift angle of 37 deg, beyond that of the tightest turns

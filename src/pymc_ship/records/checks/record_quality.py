@@ -7,7 +7,8 @@ import xarray as xr
 
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.records.checks.rudder import measured_rate
-from pymc_ship.records.checks.verdicts import Check, Numbers, ShipScale, not_checked
+from pymc_ship.records.checks.verdicts import Check, Numbers, not_checked
+from pymc_ship.records.files.ship_scale import ShipScale
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 

@@ -7,20 +7,17 @@ import xarray as xr
 
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import (
-    SIGNIFICANT,
     Check,
     Numbers,
-    ShipScale,
-    least_squares,
     missing_channels_text,
     not_checked,
-    ship_blocks,
     straight_approach,
 )
+from pymc_ship.records.files.rudder_side import rudder_effect
+from pymc_ship.records.files.ship_scale import ShipScale
 from pymc_ship.trial.record import sampling_interval
 
 LARGEST_RUDDER = 1.3  # rudder angle [rad] that no rudder reaches: a record beyond 75 deg is one in degrees
-CORRELATED = 0.7  # correlation of yaw rate and rudder from which it shows the sign, as in a long steady turn
 ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
 RATE = 0.1  # difference from the vessel file's rudder rate that passes
@@ -28,7 +25,6 @@ PAUSE = 0.25  # fraction of a move's largest step up to which the rudder pauses
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
 _MOVE = 0.6  # fraction of the way from the middle of the rudder's range to its ends
-_BLOCK = 0.25  # L/U
 
 
 def rudder_unit_check(trial: xr.Dataset) -> Check:
@@ -49,32 +45,16 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Sign of the yaw acceleration that a rudder angle brings (Nomoto's equation), or of their lagged correlation."""
     if reason := missing_channels_text(trial, ("delta", "r")):
         return not_checked("rudder sign", reason)
-    blocks = ship_blocks(trial, scale, _BLOCK)
-    time = blocks.increments(trial["time"].values)
-    delta, r = (blocks.middles(trial[name].values) for name in ("delta", "r"))
-    coefficients, errors, _ = least_squares([delta, r, r * np.abs(r)], blocks.increments(trial["r"].values) / time)
-    gain, error = (float(values[0]) * scale.time**2 for values in (coefficients, errors))
-    correlation = _lagged_correlation(delta, r, round(1.0 / _BLOCK))
-    numbers: Numbers = (("yaw acceleration per rudder angle", gain, "U2/L2"), ("standard error", error, "U2/L2"))
-    numbers += (("lagged correlation", correlation, ""),)
-    certain = abs(gain) > SIGNIFICANT * error
-    if not certain and abs(correlation) < CORRELATED:
+    effect = rudder_effect(trial, scale)
+    numbers: Numbers = (("yaw acceleration per rudder angle", effect.gain, "U2/L2"),)
+    numbers += (("standard error", effect.error, "U2/L2"), ("lagged correlation", effect.correlation, ""))
+    if not effect.side:
         return not_checked("rudder sign", "the rudder moves too little for a check", numbers)
-    if (gain if certain else correlation) > 0.0:
+    if effect.side == "starboard":
         text = "A positive delta turns the ship to starboard, it should turn the ship to port; flip the sign of delta. "
         text += 'Or the record is a mirror image (ROS: x east, y north, psi counterclockwise): state axes = "enu-flu".'
         return Check("rudder sign", "bad", text, numbers)
     return Check("rudder sign", "good", "A positive delta turns the ship to port, as it should.", numbers)
-
-
-def _lagged_correlation(delta: np.ndarray, r: np.ndarray, longest: int) -> float:
-    """Largest correlation about zero, up to a lag of ``longest`` blocks of the yaw rate behind the rudder."""
-    correlations = [0.0]
-    for lag in range(min(longest, r.size - 2) + 1):
-        ahead, behind = delta[: delta.size - lag], r[lag:]
-        size = np.sqrt(np.sum(ahead**2) * np.sum(behind**2))
-        correlations.append(float(np.sum(ahead * behind) / size) if size > 0.0 else 0.0)
-    return max(correlations, key=abs)
 
 
 def rudder_zero_check(trial: xr.Dataset) -> Check:

@@ -6,8 +6,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.checks.verdicts import SLOW, Check, ShipScale, missing_channels_text, not_checked, ship_blocks
+from pymc_ship.records.checks.verdicts import SLOW, Check, missing_channels_text, not_checked
 from pymc_ship.records.files.format import true_air
+from pymc_ship.records.files.ship_scale import ShipScale, ship_blocks
 
 ADVANCE = (0.1, 1.6)  # advance numbers J = U / (n D) of ships that sail ahead, from a tug that tows to a fast craft
 STEADIER = 0.25  # ratio of variances of the wind below which another reading of it is more probable

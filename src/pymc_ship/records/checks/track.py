@@ -11,17 +11,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.records.checks.kinematics import YAW_BLOCK, heel
-from pymc_ship.records.checks.verdicts import (
-    SIGNIFICANT,
-    Blocks,
-    Check,
-    ShipScale,
-    integral,
-    least_squares,
-    missing_channels_text,
-    not_checked,
-    ship_blocks,
-)
+from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, integral, missing_channels_text, not_checked
+from pymc_ship.records.files.ship_scale import Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.trial.record import sampling_interval
 
 LEVER = 0.005  # lever arm over L from which it matters: error of v' per r'

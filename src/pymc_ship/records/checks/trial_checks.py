@@ -14,8 +14,9 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, surroundings, track
 from pymc_ship.records.checks.lag import VelocityLag, explains_better, lag_check, lag_of, shift_velocities
-from pymc_ship.records.checks.verdicts import Check, not_checked, ship_scale
+from pymc_ship.records.checks.verdicts import Check, not_checked
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
+from pymc_ship.records.files.ship_scale import ship_scale
 from pymc_ship.trial.channels import SIMULATED, channel_names
 from pymc_ship.trial.record import as_trial, check_trial
 

@@ -21,7 +21,7 @@ _FRAME = {
     "axes": ("ned-frd", "enu-flu", "nwu-flu"),
     "velocities": ("body", "earth"),
     "heading": ("clockwise", "counterclockwise", "compass"),
-    "rudder_positive": ("port", "starboard"),
+    "rudder_positive": ("auto", "port", "starboard"),
     "speeds": ("through water", "over ground"),
     "wind": ("true", "relative"),
     "forces": ("L2", "Ld"),
@@ -43,7 +43,7 @@ class TrialFormat:
     velocities: str = "body"
     reference: float = 0.0
     heading: str = "clockwise"
-    rudder_positive: str = "port"
+    rudder_positive: str = "auto"
     speeds: str = "through water"
     wind: str = "true"
     forces: str = "L2"
@@ -111,14 +111,11 @@ def _column(entry: Entry, channel: str) -> dict[str, Any]:
 
 
 def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Channels with psi clockwise and continuous, delta positive to port; sentences on the changes."""
+    """Channels in axes with z down, psi clockwise and continuous; sentences on the changes."""
     signed, notes = _north_east_down(channels, layout)
     if layout.heading == "counterclockwise" and "psi" in signed:
         signed["psi"] = -signed["psi"]
         notes.append("psi changed in sign: the file counts it counterclockwise.")
-    if layout.rudder_positive == "starboard" and "delta" in signed:
-        signed["delta"] = -signed["delta"]
-        notes.append("delta changed in sign: the file counts it positive to starboard.")
     if "psi" in signed:
         signed["psi"], jumps = _without_jumps(signed["psi"])
         notes += [f"psi made continuous over {jumps} jump{'s' if jumps > 1 else ''} of 360 deg."] if jumps else []

@@ -18,12 +18,14 @@ from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
 from pymc_ship.records.files.columns import Column, is_unit, matched_columns
 from pymc_ship.records.files.format import TrialFormat, at_origin, full_scale, load_format, with_signs, with_true_wind
+from pymc_ship.records.files.rudder_side import with_rudder_side
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import OVER_GROUND
+from pymc_ship.trial.record import OVER_GROUND, rudder_line
 
 _COMMENTS = ("#", "%")
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
+_SIDES = ("port", "starboard")
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
 
@@ -54,7 +56,7 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     --------
     >>> import numpy as np
     >>> import pymc_ship as ps
-    >>> rows = ["time [s],u [kn],Heading [deg],Rudder angle [deg]", "0,10,359,0", "1,10,0,-10", "2,10,1,-10"]
+    >>> rows = ["time [s],u [kn],Heading [deg]", "0,10,359", "1,10,0", "2,10,1"]
     >>> np.savetxt("run.csv", rows, fmt="%s")
     >>> trial = ps.read_trial("run.csv")
     >>> print(trial["u"].values.round(3))
@@ -88,18 +90,21 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
         attrs["speeds"] = OVER_GROUND
     if layout.facility:
         attrs["facility"] = layout.facility
-    return xr.Dataset(variables, {"time": ("time", time, {"units": "s"})}, attrs)
+    trial = xr.Dataset(variables, {"time": ("time", time, {"units": "s"})}, attrs)
+    side = table.rudder_positive if layout.rudder_positive == "auto" else layout.rudder_positive
+    return with_rudder_side(trial, side or "auto", str(path))
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Headings, units, rows of cells, line number of each row, and notes."""
+    """Headings, units, rows of cells, line number of each row, notes, and the side of the rudder if the file has it."""
 
     headings: list[str]
     units: list[str]
     rows: list[list[str]]
     lines: list[int]
     notes: list[str]
+    rudder_positive: str = ""
 
 
 def _text(path: Path) -> str:
@@ -127,7 +132,8 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
         units = [cell.strip(" []{}()-") for cell in rows.pop(0)[1]]
         units += [""] * (len(headings) - len(units))
     whole, notes = _whole_rows(rows, len(headings), path)
-    return TextTable(headings, units, [cells for _, cells in whole], [number for number, _ in whole], notes)
+    stated = next((side for _, line in comments for side in _SIDES if line.startswith(rudder_line(side))), "")
+    return TextTable(headings, units, [cells for _, cells in whole], [number for number, _ in whole], notes, stated)
 
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:

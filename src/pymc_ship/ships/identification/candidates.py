@@ -40,7 +40,8 @@ from pymc_ship.physics.vessel.term_sets import (
 )
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_facility_indices
 from pymc_ship.records.checks.plausibility import DRIFT, SHORTEST_PIECE, piece_check, pieces_ahead, spans_text
-from pymc_ship.records.checks.verdicts import SLOW, ship_scale
+from pymc_ship.records.checks.verdicts import SLOW
+from pymc_ship.records.files.ship_scale import ship_scale
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feasible
 from pymc_ship.ships.ensemble.ship import Member

@@ -1,0 +1,111 @@
+"""Side to which a positive rudder angle turns the ship, from the record itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.machine.errors import TrialError
+from pymc_ship.records.files.ship_scale import ShipScale, least_squares, ship_blocks, ship_scale
+
+FOUND = "rudder_positive"  # attribute of a trial: side of the file's positive rudder, where the record showed it
+
+_CERTAIN = 5.0  # standard errors
+_CORRELATED = 0.7  # correlation of yaw rate and rudder from which it shows the side, as in a long steady turn
+_TURN = 0.5  # rad that the ship turns at least where the correlation alone shows the side
+_BLOCK = 0.25  # L/U
+
+
+@dataclass(frozen=True)
+class RudderEffect:
+    """Yaw acceleration per rudder angle and its standard error [U2/L2], and the lagged correlation of r and delta.
+
+    ``side`` is that of a turn by positive angles, "port" or "starboard"; empty where the record does not show it.
+    """
+
+    gain: float
+    error: float
+    correlation: float
+    side: str
+
+
+def rudder_effect(trial: xr.Dataset, scale: ShipScale) -> RudderEffect:
+    """Effect of the rudder on the yaw rate, by Nomoto's equation with a cubic term, or by lagged correlation."""
+    blocks = ship_blocks(trial, scale, _BLOCK)
+    time = blocks.increments(trial["time"].values)
+    delta, r = (blocks.middles(trial[name].values) for name in ("delta", "r"))
+    coefficients, errors, _ = least_squares([delta, r, r * np.abs(r)], blocks.increments(trial["r"].values) / time)
+    gain, error = (float(values[0]) * scale.time**2 for values in (coefficients, errors))
+    correlation = _lagged_correlation(delta, r, round(1.0 / _BLOCK))
+    certain, turn = abs(gain) > _CERTAIN * error, np.ptp(np.cumsum(r * time)) if r.size else 0.0
+    shown = certain or (abs(correlation) >= _CORRELATED and turn >= _TURN)
+    side = ("starboard" if (gain if certain else correlation) > 0.0 else "port") if shown else ""
+    return RudderEffect(gain, error, correlation, side)
+
+
+def _lagged_correlation(delta: np.ndarray, r: np.ndarray, longest: int) -> float:
+    """Largest correlation about zero, up to a lag of ``longest`` blocks of the yaw rate behind the rudder."""
+    correlations = [0.0]
+    for lag in range(min(longest, r.size - 2) + 1):
+        ahead, behind = delta[: delta.size - lag], r[lag:]
+        size = np.sqrt(np.sum(ahead**2) * np.sum(behind**2))
+        correlations.append(float(np.sum(ahead * behind) / size) if size > 0.0 else 0.0)
+    return max(correlations, key=abs)
+
+
+def with_rudder_side(trial: xr.Dataset, stated: str, where: str) -> xr.Dataset:
+    """Trial whose positive delta turns the ship to port, with a line in ``attrs["reading"]`` on a change.
+
+    ``stated`` is the side of the file, or "auto" for that of the record; TrialError if the record does not show it.
+    """
+    if "delta" not in trial or not trial["delta"].values.any():
+        return trial
+    notes = trial.attrs["reading"].splitlines()
+    side, why = stated, "the file counts it positive to starboard"
+    if stated == "auto":
+        effect = shown_effect(trial)
+        if effect is None or not effect.side:
+            raise TrialError(
+                f"{where}: the side that a positive rudder turns to must be stated, the turn rate does not show it; "
+                'state it in a format file: the line [frame], below it rudder_positive = "starboard" (or "port").'
+            )
+        side = effect.side
+        why = f"the record turns to {side} for positive angles, {_evidence(effect)}"
+        trial = trial.assign_attrs({FOUND: side})
+    if side == "starboard":
+        trial = trial.assign(delta=("time", -trial["delta"].values, trial["delta"].attrs))
+        notes.append(f"delta changed in sign: {why}.")
+    elif stated == "auto":
+        notes.append(f"delta as in the file: {why}.")
+    return trial.assign_attrs(reading="\n".join(notes))
+
+
+def shown_effect(trial: xr.Dataset) -> RudderEffect | None:
+    """Effect of the rudder, with the rate of the heading where no yaw rate is recorded; None for a short record."""
+    if "r" not in trial and "psi" in trial and trial.sizes["time"] > 2:
+        trial = trial.assign(r=("time", np.gradient(trial["psi"].values, trial["time"].values)))
+    if "r" not in trial or trial.sizes["time"] < 20:
+        return None
+    return rudder_effect(trial, ship_scale(trial, None))
+
+
+def _evidence(effect: RudderEffect) -> str:
+    if abs(effect.gain) > _CERTAIN * effect.error:
+        return f"by {min(abs(effect.gain) / max(effect.error, 1e-300), 999.0):.0f} standard errors"
+    return f"by a correlation of {abs(effect.correlation):.2f}"
+
+
+def check_one_side(trials: Mapping[str, xr.Dataset]) -> None:
+    """Raise TrialError, which names the odd ones, unless the sides that the records showed agree."""
+    sides = {name: trial.attrs[FOUND] for name, trial in trials.items() if FOUND in trial.attrs}
+    groups = [[name for name, side in sides.items() if side == one] for one in ("port", "starboard")]
+    if all(groups):
+        odd = min(groups, key=len)
+        most = "starboard" if odd is groups[0] else "port"
+        raise TrialError(
+            f"The files of one logger have one rudder sign, found positive angles that turn to {most}, but to "
+            f"{sides[odd[0]]} in {', '.join(odd)}; check these, or state frame.rudder_positive in a format file."
+        )
