@@ -67,7 +67,8 @@ METRE_PER_SECOND = Unit(
 )
 RADIAN = Unit(
     "rad",
-    {"rad": 1.0, "radian": 1.0, "radians": 1.0} | dict.fromkeys(("deg", "degree", "degrees"), _DEG),
+    {"rad": 1.0, "radian": 1.0, "radians": 1.0}
+    | dict.fromkeys(("deg", "degree", "degrees", "degrees/north", "degrees/east", "degree/true"), _DEG),
     froude=0.0,
 )
 RADIAN_PER_SECOND = Unit(

@@ -81,7 +81,7 @@ def test_a_row_of_units_below_the_header():
 
 
 @pytest.mark.parametrize(
-    "heading", ["SOG [kn]", "pitch [deg]", "x [N]", "P [kW]", "T [°C]", "surge [m]", "vibration", "u2"]
+    "heading", ["current [kn]", "pitch [deg]", "x [N]", "P [kW]", "T [°C]", "surge [m]", "vibration", "u2"]
 )
 def test_columns_of_other_quantities_are_left_out_and_named(heading):
     columns, notes = matched("u", heading)

@@ -57,6 +57,12 @@ def of_two_sides(run):
 test_trial_errors = wording(
     ps.TrialError,
     (r'must be stated, .*the line \[frame\], below it rudder_positive = "starboard" \(or "port"\)', without_a_side),
+    (
+        r"columns 'HDT', 'RSA': their units are not stated; state them, such as 'HDT \[deg\]', 'RSA \[deg\]'",
+        lambda: matched("HDT", "RSA"),
+    ),
+    (r"a latitude is within 90 deg", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,95,2\n2,1,2\n")),
+    (r"lies within 100 km, found positions 1", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,2,2\n2,1,2\n")),
     (r"positive angles that turn to port, but to starboard in b.csv; check", of_two_sides),
     *(
         (
@@ -196,7 +202,7 @@ test_trial_errors = wording(
         r"run.csv.gz cannot be read: its gzip data are damaged .*copy it again",
         lambda run, read: read(gzip.compress(written(columns(run)).encode())[:-1000], "run.csv.gz"),
     ),
-    (r"found '0, 1' without time; rename one", lambda read: read("0,1\n1,2\n2,3\n3,4\n")),
+    (r"a header before its numbers, found '0,1'; add", lambda read: read("0,1\n1,2\n2,3\n3,4\n")),
     (r"run.csv, line 3: the header has 2 columns, found 1; mend it", lambda read: read("time,u\n0,1\n1\n2,3\n")),
     *(
         (

@@ -12,7 +12,7 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.trial.channels import CHANNELS, TIME, Channel, file_columns
-from pymc_ship.trial.units import RADIAN, spelling
+from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, spelling
 
 _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/s2", "deg/s2", "rad/s2", "g", "volt"))
 """Units of quantities that are not channels of a trial, such as power P or temperature T."""
@@ -51,15 +51,29 @@ class Column:
         return self.factor * (self.sign * CODES[self.code](known) + self.offset)
 
 
+GROUND = {
+    "sog": Channel("sog", METRE_PER_SECOND, "speed over ground", headings=("speed over ground", "ground speed")),
+    "cog": Channel("cog", RADIAN, "course over ground", headings=("course over ground", "course")),
+    "latitude": Channel("latitude", RADIAN, "latitude", headings=("lat",)),
+    "longitude": Channel("longitude", RADIAN, "longitude", headings=("lon", "long")),
+}
+"""Quantities of a satellite receiver, of which channels are made."""
+
+
+def quantities() -> dict[str, Channel]:
+    """Time, channels and :data:`GROUND` by name: what a column of a file may be."""
+    return file_columns() | GROUND
+
+
 def is_unit(text: str) -> bool:
     """Whether a text is a unit, in brackets or not, of any quantity."""
-    known = any(one.unit.factor(text) for one in file_columns().values())
+    known = any(one.unit.factor(text) for one in quantities().values())
     return known or spelling(text) in _OTHER_UNITS
 
 
 def _channels_named(heading: str) -> list[Channel]:
     """Channels that a lower-case heading without unit may name."""
-    return [one for one in file_columns().values() if heading == plain_name(one.name) or heading in one.headings]
+    return [one for one in quantities().values() if heading == plain_name(one.name) or heading in one.headings]
 
 
 def _name_and_unit(heading: str) -> tuple[str, str | None]:
@@ -95,7 +109,7 @@ def matched_columns(
     or without a readable unit.
     """
     matched = {
-        name: _chosen_column(file_columns()[name], choice, headings, units, unstated.get(name), where)
+        name: _chosen_column(quantities()[name], choice, headings, units, unstated.get(name), where)
         for name, choice in chosen.items()
     }
     left_out, candidates_by_channel = _candidates(headings, units, matched, where, unstated)
@@ -108,7 +122,7 @@ def matched_columns(
             f"{where}: columns are time and any of {', '.join(CHANNELS)}, found {', '.join(headings)!r} without "
             f"{lacking}; rename one or name it in a format file."
         )
-    ordered = {name: matched[name] for name in file_columns() if name in matched}
+    ordered = {name: matched[name] for name in quantities() if name in matched}
     return ordered, _reading_notes(ordered, left_out)
 
 
@@ -136,10 +150,19 @@ def _candidates(
             candidates_by_channel.setdefault(column.channel, []).append(column)
         else:
             left_out.append(heading)
-    for heading, unreadable in errors.items():
-        channels = _channels_named(_name_and_unit(heading)[0])
-        if {*matched, *candidates_by_channel}.isdisjoint(channel.name for channel in channels):
-            raise unreadable
+    needed = [
+        heading
+        for heading in errors
+        if {*matched, *candidates_by_channel}.isdisjoint(
+            one.name for one in _channels_named(_name_and_unit(heading)[0])
+        )
+    ]
+    unstated_units = [heading for heading in needed if isinstance(errors[heading], _UnstatedUnitError)]
+    if len(unstated_units) > 1:
+        names, stated = ", ".join(map(repr, unstated_units)), ", ".join(map(_with_unit, unstated_units))
+        raise TrialError(f"{where}, columns {names}: their units are not stated; state them, such as {stated}.")
+    if needed:
+        raise errors[needed[0]]
     return left_out, candidates_by_channel
 
 
@@ -147,7 +170,7 @@ def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[s
     read = [
         f"{c.channel} from {c.heading!r}" + (f" in {c.unit}" if c.stated else "")
         for c in columns.values()
-        if (c.heading, c.unit) != (c.channel, file_columns()[c.channel].unit.name)
+        if (c.heading, c.unit) != (c.channel, quantities()[c.channel].unit.name)
     ]
     notes = [f"Columns read: {', '.join(read)}."] if read else []
     return [*notes, f"Columns left out: {', '.join(left_out)}."] if left_out else notes
@@ -185,19 +208,27 @@ def _column_of_heading(
     raise TrialError(_unknown_unit(where, heading, channels[0], unit))
 
 
+class _UnstatedUnitError(TrialError):
+    """A column whose unit is not stated."""
+
+
+def _with_unit(heading: str) -> str:
+    """Heading with a usual unit, in quotes."""
+    unit = _channels_named(_name_and_unit(heading)[0])[-1].unit
+    return f"'{heading} [{'deg' if unit is RADIAN else unit.name}]'"
+
+
 def _without_unit(
     index: int, heading: str, channels: Sequence[Channel], where: str, unstated: Mapping[str, str]
 ) -> Column:
     """Column without a stated unit: the unit of the format, or SI if the heading is the name of the channel."""
     channel = next((one for one in channels if one.name in unstated), channels[0])
     unit = unstated.get(channel.name, channel.unit.name)
-    factor = channel.unit.factor(unit)
-    by_name = channel is TIME or _name_and_unit(heading)[0] == plain_name(channel.name)
+    factor, heading_name = channel.unit.factor(unit), _name_and_unit(heading)[0]
+    by_name = channel is TIME or (heading_name == plain_name(channel.name) and channel.name not in GROUND)
     if factor is None or not (by_name or channel.name in unstated):
-        last = channels[-1].unit
-        raise TrialError(
-            f"{where}, column {heading!r}: its unit is not stated; state it, such as "
-            f"'{heading} [{'deg' if last is RADIAN else last.name}]'."
+        raise _UnstatedUnitError(
+            f"{where}, column {heading!r}: its unit is not stated; state it, such as {_with_unit(heading)}."
         )
     stated = channel.name in unstated
     return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor, stated=stated)

@@ -12,8 +12,8 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
-from pymc_ship.records.files.columns import CODES
-from pymc_ship.trial.channels import CHANNELS, file_columns
+from pymc_ship.records.files.columns import CODES, quantities
+from pymc_ship.trial.channels import CHANNELS
 
 DELIMITERS = (",", ";", "\t", " ")  # the space stands for any white space
 
@@ -70,7 +70,7 @@ def _format(file: Entry) -> TrialFormat:
     frame, scale, columns = (file.at(key, {}) for key in ("frame", "scale", "columns"))
     frame.check_keys((*_FRAME, "reference"))
     scale.check_keys(("froude",))
-    columns.check_keys(file_columns())
+    columns.check_keys(quantities())
     froude, reference = scale.at("froude", 1.0), frame.at("reference", 0.0)
     if froude.number() <= 0.0:
         froude.fail(f"must be positive, found {froude.value:g}; correct it.")
@@ -93,7 +93,7 @@ def _column(entry: Entry, channel: str) -> dict[str, Any]:
     if not isinstance(entry.value, Mapping):
         entry = replace(entry, value={"column": entry.value})
     entry.check_keys(("column", "unit", "sign", "offset", "code", "missing"))
-    column, unit = entry.value.get("column"), file_columns()[channel].unit
+    column, unit = entry.value.get("column"), quantities()[channel].unit
     if not isinstance(column, str) or not column.strip():
         entry.fail(f"must be the heading of a column, found {column!r}; correct it.")
     stated = entry.at("unit", unit.name)

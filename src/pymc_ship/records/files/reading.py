@@ -18,6 +18,7 @@ from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
 from pymc_ship.records.files.columns import Column, is_unit, matched_columns
 from pymc_ship.records.files.format import TrialFormat, at_origin, full_scale, load_format, with_signs, with_true_wind
+from pymc_ship.records.files.ground import with_ground
 from pymc_ship.records.files.rudder_side import with_rudder_side
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
@@ -71,13 +72,23 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
     cells, cell_notes = table_cells(table, numeric, path)
     channels = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
+    channels, layout, ground_notes = with_ground(channels, layout, str(path))
     channels, sign_notes = with_signs(channels, layout)
     if stamps:
         time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, str(path))
     else:
         time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels)
     time, channels, time_notes, lost = regular(time, quantum, channels, str(path))
-    notes = [*table.notes, *notes, *clock_notes, *cell_notes, *_implausible(columns, cells), *sign_notes, *time_notes]
+    notes = [
+        *table.notes,
+        *notes,
+        *clock_notes,
+        *cell_notes,
+        *_implausible(columns, cells),
+        *ground_notes,
+        *sign_notes,
+        *time_notes,
+    ]
     for to_ship in (at_origin, with_true_wind):
         channels, changes = to_ship(channels, layout, str(path))
         notes += changes
@@ -122,6 +133,11 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     comments = [(number, line) for number, line in numbered if line.lstrip().startswith(_COMMENTS)]
     content = [(number, line) for number, line in numbered if not line.lstrip().startswith(_COMMENTS)]
     content = _with_header(content, comments)
+    if content and all(map(_is_number, _cells_of_line(content[0][1], _delimiter(content[0][1])))):
+        raise TrialError(
+            f"{path}, line {content[0][0]}: a trial has a header before its numbers, found "
+            f"{content[0][1].strip()[:60]!r}; add a line such as time [s], u [kn], psi [deg]."
+        )
     if len(content) < 3:
         raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(content)} lines; check it.")
     delimiter = layout.delimiter or _delimiter(content[0][1])
