@@ -283,6 +283,14 @@ class TestOneRun:
         with refused(FitError, "loading"):
             identified(trials(0)[:1], (POORER,))
 
+    def test_a_failed_fit_names_the_run_that_contradicts_the_others(self, monkeypatch):
+        """The rudder of the second is mirrored; every fit is said to diverge here."""
+        monkeypatch.setattr(ship_candidates, "is_feasible", lambda vessel, rows: np.zeros(len(rows), dtype=bool))
+        monkeypatch.setattr(ship_candidates, "first_failure", lambda vessel, row: "in a turn")
+        first, second, third = trials(0)
+        with refused(FitError, "second", "delta"):
+            identified([first, second.assign(delta=-second["delta"]), third], names=("first", "second", "third"))
+
     @pytest.mark.parametrize(("share", "kept"), [(0.09, False), (0.11, True)])
     def test_a_set_is_left_out_where_fewer_than_one_draw_in_ten_is_sound(self, monkeypatch, share, kept):
         """Her estimate is; of the draws about it so many are, and of those of the ensemble all."""

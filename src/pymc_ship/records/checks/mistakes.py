@@ -77,6 +77,8 @@ SPEED_UNITS = {
 }
 """Factor that a wrong speed lacks, its words and its key."""
 
+SIGNS = tuple(_reversed(name) for name in ("delta", "v", "r"))  # that one run alone may have
+
 MISTAKES = (
     _in_degrees("r", "deg/s", _DEG),
     _in_degrees("r", "deg/min", _DEG / 60.0),
@@ -84,11 +86,10 @@ MISTAKES = (
     _in_degrees("psi", "deg", _DEG),
     _in_degrees("phi", "deg", _DEG),
     _in_degrees("delta", "deg", _DEG),
-    _reversed("r"),
+    *SIGNS,
     _reversed("p"),
     _reversed("psi", 'heading = "counterclockwise"'),
     _reversed("phi"),
-    _reversed("v"),
     _reversed("u"),
     _exchanged("r", "psi"),
     _exchanged("p", "phi"),

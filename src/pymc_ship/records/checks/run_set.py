@@ -1,17 +1,29 @@
-"""Runs of one ship against each other: the same motion given twice."""
+"""Runs of one ship against each other: the same motion given twice, and a run that contradicts the others."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 import xarray as xr
 from scipy.signal import correlate
 
+from pymc_ship.records.checks.mistakes import SIGNS, explanations
+from pymc_ship.records.checks.plausibility import DRIFT
+from pymc_ship.records.checks.verdicts import SLOW, Blocks
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 SAME = 0.02  # rms difference over the standard deviation of a channel below which, beside noise, motions are the same
+CONTRADICTS = 2.4  # error of a forecast over the usual one; 1 in 200 sets of runs of one ship has more
+ALONE = 1.5  # ratio of the largest errors without a run and without the odd one, from which it is the odd one
+LAW_ERROR = 0.15  # of the law over the size of its terms; a regression of six ships leaves 0.07 to 0.16 of the sway
+_CORRELATED = np.sqrt(5.0)  # blocks per independent one
+_BLOCK, _FEWEST = 0.25, 20  # L/U; blocks of a comparison
+_PRIOR_MEAN = np.array([[0.2, 0.0, -0.5, -0.4, -3.0, 0.0, 0.0], [-1.2, 0.0, -3.0, -1.5, 10.0, -1.0, 0.0]])
+_PRIOR_SD = np.array([[0.2, 0.2, 1.0, 0.5, 5.0, 1.5, 0.05], [0.8, 0.8, 3.0, 2.0, 15.0, 3.0, 0.1]])
+"""Mean and sd of the coefficients of sway and yaw, wider than those of the six shipped vessels."""
 _CHANNELS = ("r", "delta")  # two runs of one manoeuvre differ in the times of the rudder
 _FRACTIONS = np.linspace(-1.0, 1.0, 21)  # of a sample, of the shift
 
@@ -65,3 +77,109 @@ def _resampled(trial: xr.Dataset, step: float) -> np.ndarray:
     time = trial["time"].values
     at = np.arange(time[0], time[-1] + 0.5 * step, step)
     return np.array([np.interp(at, time, trial[name].values) for name in _CHANNELS])
+
+
+@dataclass(frozen=True)
+class _Response:
+    """Block means with the ship ahead: regressors (n_blocks, 7), prime accelerations of sway and yaw (n_blocks, 2)."""
+
+    regressors: np.ndarray
+    accelerations: np.ndarray
+
+
+def contradicting_runs(trials: Mapping[str, xr.Dataset], L: float) -> list[str]:
+    """Sentence on the run, by name, that contradicts all others, or on runs that contradict each other.
+
+    A regression of the prime accelerations of sway and yaw on all others forecasts those of each run.
+    """
+    responses = {name: row for name, trial in trials.items() if (row := _response(trial, L)) is not None}
+    worst = _worst(responses)
+    if worst <= CONTRADICTS:
+        return []
+    rest = {name: _worst(_without(name, responses)) for name in responses}
+    name, second = sorted(rest, key=lambda name: rest[name])[:2]
+    if rest[name] > CONTRADICTS or rest[second] <= ALONE * rest[name]:
+        among = [one for one in rest if rest[one] <= CONTRADICTS] or rest
+        return [
+            f"Runs {', '.join(among)} contradict each other: no single law of sway and yaw describes them. "
+            "They may be of two ships or loadings, or a channel of one is wrong; compare particulars, units and signs."
+        ]
+    others = list(_without(name, responses).values())
+    signs = [
+        f"{one.words}: state {one.key}"
+        for (one,), mended in explanations(trials[name], ("delta", "v", "r"), 1).items()
+        if one in SIGNS and (row := _response(mended, L)) is not None and _error(row, others) <= 1.0
+    ]
+    cause = f"Most probably {signs[0]}" if signs else "It may be of another ship, loading or scale: leave it out"
+    return [
+        f"Run {name} contradicts the other runs: they forecast its accelerations of sway and yaw with "
+        f"{_error(responses[name], others):.2g} times the usual error (up to {CONTRADICTS:g} in runs of one ship). "
+        f"{cause}."
+    ]
+
+
+def _without(name: str, responses: Mapping[str, _Response]) -> dict[str, _Response]:
+    return {other: response for other, response in responses.items() if other != name}
+
+
+def _worst(responses: Mapping[str, _Response]) -> float:
+    """Largest error of a run as forecast by the others."""
+    return max((_error(responses[name], list(_without(name, responses).values())) for name in responses), default=0.0)
+
+
+def _response(trial: xr.Dataset, L: float) -> _Response | None:
+    """Response of a run; None without its channels or with too few blocks."""
+    if not {"u", "v", "r", "delta"} <= {*trial}:
+        return None
+    speed = np.hypot(trial["u"].values, trial["v"].values)
+    if not (usual := float(np.median(speed))) > 0.0:
+        return None
+    blocks = Blocks(max(1, round(_BLOCK * L / usual / sampling_interval(trial))))
+    if trial.sizes["time"] < _FEWEST * blocks.size:
+        return None
+    u, v, r, delta = (blocks.middles(trial[name].values) for name in ("u", "v", "r", "delta"))
+    U, fast = np.hypot(u, v), float(np.quantile(speed, 0.95))
+    ahead = (u > SLOW * fast) & (np.abs(v) < DRIFT * U)
+    time = blocks.increments(trial["time"].values) * U / L
+    v_dot, r_dot = (blocks.increments(trial[name].values) / time for name in ("v", "r"))
+    v, r, loading = v / U, r * L / U, (fast / U) ** 2 - 1.0  # of the propeller, which blows at the rudder
+    regressors = np.column_stack([delta, delta * loading, v, r, v * np.abs(v), r * np.abs(r), np.ones(r.size)])
+    if ahead.sum() < _FEWEST:
+        return None
+    return _Response(regressors[ahead], np.column_stack([v_dot / U, r_dot * L / U])[ahead])
+
+
+def _error(run: _Response, others: Sequence[_Response]) -> float:
+    """Root mean square error of a run's accelerations over the usual one, the larger of sway and yaw; 0 for no others.
+
+    The usual one has the scatter of the regressions, a relative error of the law and the error of the coefficients.
+    """
+    if not others:
+        return 0.0
+    errors = []
+    for run_rows, rows, mean, sd in zip(_rows([run]), _rows(others), _PRIOR_MEAN, _PRIOR_SD, strict=True):
+        scatter = max(_scatter(*run_rows), _scatter(*rows))
+        (X, measured), (others_X, response) = run_rows, rows
+        noise = _CORRELATED * np.hypot(scatter, LAW_ERROR * _size(*rows, np.linalg.lstsq(others_X, response)[0]))
+        covariance = np.linalg.inv(others_X.T @ others_X / noise**2 + np.diag(1.0 / sd**2))
+        coefficients = covariance @ (others_X.T @ response / noise**2 + mean / sd**2)
+        variance = np.einsum("ij,jk,ik->i", X, covariance, X) + scatter**2
+        variance += (LAW_ERROR * _size(X, measured, coefficients)) ** 2
+        errors.append(float(np.sqrt(np.mean((measured - X @ coefficients) ** 2 / variance))))
+    return max(errors)
+
+
+def _rows(runs: Sequence[_Response]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Regressors and accelerations of some runs, of sway and of yaw."""
+    X = np.vstack([run.regressors for run in runs])
+    return [(X, column) for column in np.vstack([run.accelerations for run in runs]).T]
+
+
+def _scatter(X: np.ndarray, response: np.ndarray) -> float:
+    """What a regression leaves, rms."""
+    return float(np.std(response - X @ np.linalg.lstsq(X, response)[0]))
+
+
+def _size(X: np.ndarray, response: np.ndarray, coefficients: np.ndarray) -> float:
+    """Size of an acceleration and of the part by the rudder, which other forces balance in a steady turn, rms."""
+    return float(np.sqrt(np.mean(response**2) + np.mean((X[:, :2] @ coefficients[:2]) ** 2)))

@@ -7,6 +7,7 @@ indices of held-out manoeuvres beyond it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
-from pymc_ship.records.checks.run_set import repeated_runs
+from pymc_ship.records.checks.run_set import contradicting_runs, repeated_runs
 from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
@@ -175,11 +176,15 @@ def identify_ship(
     training = _with_earlier_runs(before, replace(_prepare(trials, vessel, kind), captive=captive))
     term_set_names = tuple(dict.fromkeys(terms or training.earlier or default_term_sets(training)))
     _check_earlier(before, term_set_names, captive)
+    by_name = dict(zip(names, trials, strict=True))
+    contradictions = contradicting_runs(by_name, vessel.particulars.L)
     progress(f"term sets {'; '.join(term_set_names)}: fits to all of {len(trials)} runs and to all but one")
-    candidates, refusals = fit_candidates(term_set_names, training, rng)
+    with _with_contradictions(contradictions):
+        candidates, refusals = fit_candidates(term_set_names, training, rng)
     fullest_vessel = most_dofs(candidate.vessel for candidate in candidates)
     remarks = [
-        *repeated_runs(dict(zip(names, trials, strict=True))),
+        *repeated_runs(by_name),
+        *contradictions,
         *vessel_remarks(fullest_vessel),
         *(refusal.sentence for refusal in refusals),
         *partial_run_remarks(names, training, candidates),
@@ -193,10 +198,11 @@ def identify_ship(
         *(index_rows(before.harder_indices) if before else ()),
         *_harder_indices(candidates, training, names, rng),
     ]
-    remarks += unscored_run_remarks(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
+    remarks += unscored_run_remarks(by_name, training.manoeuvres, fullest_vessel)
     remarks += [] if all_rows else [_NOTHING_HELD_OUT]
     progress("feasible draws")
-    candidates = sorted(_draw_feasible(candidates, draws, rng), key=lambda candidate: -candidate.weight)
+    with _with_contradictions(contradictions):
+        candidates = sorted(_draw_feasible(candidates, draws, rng), key=lambda candidate: -candidate.weight)
     remarks += [] if captive is None else _captive_remarks(captive, candidates[0])
     remarks += [earlier_runs_remark(candidates[0], training)] if training.earlier else []
     new_motion_error = motion_error(_held_out_motion(candidates, training, rng), vessel)
@@ -225,6 +231,15 @@ def identify_ship(
         quality_flags=quality_flags(trials, names),
         captive=captive,
     )
+
+
+@contextmanager
+def _with_contradictions(sentences: Sequence[str]) -> Iterator[None]:
+    """Context in which a fit that fails names the runs that contradict each other."""
+    try:
+        yield
+    except FitError as error:
+        raise FitError(" ".join([str(error), *sentences]), refusals=error.refusals) from None
 
 
 _NOTHING_HELD_OUT = (
