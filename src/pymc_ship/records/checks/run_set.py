@@ -12,7 +12,8 @@ from scipy.signal import correlate
 
 from pymc_ship.records.checks.mistakes import SIGNS, explanations
 from pymc_ship.records.checks.plausibility import DRIFT
-from pymc_ship.records.checks.verdicts import SLOW, Blocks
+from pymc_ship.records.checks.verdicts import SLOW
+from pymc_ship.records.files.ship_scale import Blocks
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 SAME = 0.02  # rms difference over the standard deviation of a channel below which, beside noise, motions are the same
