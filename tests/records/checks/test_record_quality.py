@@ -171,3 +171,14 @@ def test_gaps_that_the_reading_told_of_are_passed_on(zigzag):
     assert check.sentence.startswith("2 gaps of up to 3 samples")
     assert checks_by_name(zigzag.assign_attrs(reading="Comma separated."))["gaps"].verdict == "good"
     assert checks_by_name(zigzag)["gaps"].verdict == "not checked"
+
+
+@pytest.mark.parametrize("stuck", [0.0, 7.0])
+@pytest.mark.parametrize("name", ["u", "v", "r", "psi"])
+def test_a_channel_that_stands_still_is_one_finding(zigzag, container, name, stuck):
+    """A dead speed log is not also u and v swapped."""
+    dead = changed(zigzag, **{name: np.full(zigzag.sizes["time"], stuck)})
+    checks = checks_by_name(dead, container)
+    assert {key for key in alarms(checks) if checks[key].verdict == "bad"} == {"frozen channels"}
+    assert checks["plausibility"].verdict == ("not checked" if name != "psi" else "good")
+    assert f"{name} stands still" in " ".join(check.sentence for check in checks.values())

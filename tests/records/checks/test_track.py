@@ -73,3 +73,18 @@ def test_half_a_sample_of_travel_is_no_lever_arm(step):
     vessel = ps.load_vessel("kvlcc2")
     run = ps.simulate(vessel, ps.zigzag(20.0, 20.0), duration=800.0, step=step)
     assert checks_by_name(noisy(run, level=0.005), vessel)["lever arm"].verdict == "good"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda trial: changed(trial, u=-trial["u"].values), "with -u by"),
+        (lambda trial: changed(trial, psi=trial["psi"].values + np.pi), "with a heading off by 180 deg by"),
+    ],
+)
+def test_way_astern_does_not_blame_the_sign_of_v(zigzag, container, wrong, words):
+    checks = checks_by_name(wrong(zigzag), container)
+    assert checks["velocity axes"].verdict == "bad"
+    assert words in checks["velocity axes"].sentence
+    assert checks["sway sign"].verdict == "not checked"
+    assert checks["track closure"].verdict == "not checked"

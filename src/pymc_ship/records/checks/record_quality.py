@@ -264,6 +264,14 @@ def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     return Check("frozen channels", verdict, text, numbers)
 
 
+def without_still_channels(trial: xr.Dataset, check: Check) -> xr.Dataset:
+    """Trial for later checks: without channels that stand still for half of it, which are a finding of their own."""
+    half = 0.5 * float(np.ptp(trial["time"].values))
+    numbers = {name: value for name, value, _ in check.numbers}
+    still = [name for name in ("u", "v", "r", "psi", "x", "y") if numbers.get(f"frozen, {name}", 0.0) > half]
+    return trial.drop_vars(still).assign_attrs(still_channels=still)
+
+
 def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: float) -> int:
     """Samples in the longest run of equal values during which another velocity changes by 5 % of its range."""
     edges = np.flatnonzero(np.diff(trial[name].values, prepend=np.nan, append=np.nan) != 0.0)

@@ -5,7 +5,7 @@ x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi, ov
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -104,6 +104,15 @@ def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
         text = f"u and v miss the track by {body:.2g} m/s as body-fixed, by {earth:.2g} m/s as earth-fixed; turn them."
         return Check(names[0], "doubtful", text, numbers, mendable=True), not_checked(names[1], "u, v are earth-fixed")
     numbers = (("misfit", body, "m/s"), ("misfit flipped", flipped, "m/s"))
+    backward = trial.assign(u=-trial["u"])
+    for words, key, sign in (
+        ("-u", "sign = -1 for u", 1.0),
+        ("a heading off by 180 deg", "psi = { offset = 180 }", -1.0),
+    ):
+        reading = _misfit(backward, track, measured, scale, "body", sign)
+        if significant and reading * BETTER < min(body, flipped):
+            text = f"u and v miss the track by {body:.2g} m/s, with {words} by {reading:.2g} m/s; state {key}."
+            return replace(axes, verdict="bad", sentence=text), not_checked(names[1], "the ship seems to go astern")
     if significant and flipped * BETTER < body:
         text = f"v misses the track by {body:.2g} m/s, -v by {flipped:.2g} m/s; flip its sign (starboard is positive)."
         return axes, Check(names[1], "bad", text, numbers)

@@ -82,7 +82,10 @@ def trial_checks(
     unused = channel_names(lambda channel: vessel is not None and "roll" not in vessel.dofs and channel.rolling)
     used = trial.drop_vars(unused, errors="ignore")
     checks += [record_quality.noise_check(used), record_quality.resolution_check(used)]
-    checks += [record_quality.frozen_check(trial, scale)]
+    frozen = record_quality.frozen_check(trial, scale)
+    checks.append(frozen)
+    trial = record_quality.without_still_channels(trial, frozen)
+    scale = ship_scale(trial, vessel)
     trial, closure = _closure_checks(trial, vessel, lag)
     yaw_sign = next(check for check in closure if check.name == "yaw rate")
     checks += closure
@@ -131,8 +134,8 @@ def _closure_checks(
         return trial, checks + [not_checked(name, reason) for name in names]
     axes = track.axes_checks(trial, scale)
     trial = _apply_corrections(trial, axes)
-    if axes[1].verdict == "bad":
-        reason = "the sign of v must be right first"
+    if "bad" in (axes[0].verdict, axes[1].verdict):
+        reason = "the signs of u and v must be right first"
         rest = [not_checked(name, reason) for name in ("velocity lag", "lever arm", "track closure")]
         return trial, [*checks, *axes, *rest]
     late = lag_check(trial, scale, lag)
