@@ -61,6 +61,12 @@ test_trial_errors = wording(
         r"columns 'HDT', 'RSA': their units are not stated; state them, such as 'HDT \[deg\]', 'RSA \[deg\]'",
         lambda: matched("HDT", "RSA"),
     ),
+    (r"cannot be read as Parquet: .*; write it anew, or as CSV", lambda read: read(b"PAR1" + bytes(40), "run.parquet")),
+    (
+        r"cannot be read as MAT: its structure is damaged",
+        lambda read: read(b"MATLAB 5.0 MAT-file" + bytes(90), "a.mat"),
+    ),
+    (r"cannot be read as xlsx: File is not a zip file", lambda read: read(b"PK\x03\x04" + bytes(40), "run.xlsx")),
     (r"a latitude is within 90 deg", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,95,2\n2,1,2\n")),
     (r"lies within 100 km, found positions 1", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,2,2\n2,1,2\n")),
     (r"positive angles that turn to port, but to starboard in b.csv; check", of_two_sides),

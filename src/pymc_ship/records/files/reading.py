@@ -20,6 +20,7 @@ from pymc_ship.records.files.columns import Column, is_unit, matched_columns
 from pymc_ship.records.files.format import TrialFormat, at_origin, full_scale, load_format, with_signs, with_true_wind
 from pymc_ship.records.files.ground import with_ground
 from pymc_ship.records.files.rudder_side import with_rudder_side
+from pymc_ship.records.files.tables import binary_columns, cell_texts
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import OVER_GROUND, rudder_line
@@ -31,7 +32,7 @@ _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inve
 
 
 def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a trial from a text file.
+    """Read a trial from a file: text, Parquet, xlsx, NetCDF or MAT.
 
     Columns are recognised by their headings: names of channels, in SI units unless stated (``u``, ``psi [deg]``,
     ``n_rpm``), or words such as ``Heading (deg)``. Uneven time and short gaps are interpolated, and reported.
@@ -39,7 +40,8 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     Parameters
     ----------
     path : str or Path
-        Delimiters are comma, semicolon, tab or white space; lines that begin with # or % are comments.
+        Text (delimiters are comma, semicolon, tab or white space; lines that begin with # or % are comments), or a
+        table of another format, known by its content, whose columns have the headings of a text file.
     format : str, Path or mapping, optional
         TOML file, or its table, with columns, units, signs, frame and scale; see docs/reference/format_toml.md.
 
@@ -127,6 +129,10 @@ def _text(path: Path) -> str:
 
 def text_table(path: Path, layout: TrialFormat) -> TextTable:
     """Header, units and rows of a file; TrialError if it cannot be read or is not a table."""
+    if columns := binary_columns(path):
+        cells = zip(*(cell_texts(values) for values, _ in columns.values()), strict=True)
+        table = [list(row) for row in cells]
+        return TextTable([*columns], [unit for _, unit in columns.values()], table, list(range(1, len(table) + 1)), [])
     lines = re.split(r"\r\n|\n|\r", _text(path))
     skipped = layout.skip_rows
     numbered = [(number, line) for number, line in enumerate(lines, 1) if number > skipped and line.strip()]
