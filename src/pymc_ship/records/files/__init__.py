@@ -7,7 +7,6 @@
 - `interpolation`: channels of different sensors on one time base.
 - `time_base`: uniform time from the stamps of a logger.
 - `tables`: Parquet, xlsx, NetCDF and MAT files as tables.
-- `ground`: velocity over ground and position of a satellite receiver.
 - `ship_scale`: length and speed of the ship in a record, block means, least squares.
 - `rudder_side`: the side that a positive rudder turns to, from the record.
 - `noise`: noise of given kinds added to a clean record.

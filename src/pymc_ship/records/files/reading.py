@@ -17,8 +17,15 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
 from pymc_ship.records.files.columns import Column, is_unit, matched_columns
-from pymc_ship.records.files.format import TrialFormat, at_origin, full_scale, load_format, with_signs, with_true_wind
-from pymc_ship.records.files.ground import with_ground
+from pymc_ship.records.files.format import (
+    TrialFormat,
+    at_origin,
+    full_scale,
+    load_format,
+    with_ground,
+    with_signs,
+    with_true_wind,
+)
 from pymc_ship.records.files.rudder_side import with_rudder_side
 from pymc_ship.records.files.tables import binary_columns, cell_texts
 from pymc_ship.records.files.time_base import regular, rounding
