@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.records.files.format import true_air
 from tests.records.checks.cases import checks_by_name
 from tests.sentences import refused
 
@@ -106,3 +107,48 @@ def test_a_wind_with_gaps_is_doubtful(tanker, circle):
     trial = blown(circle, "true", np.random.default_rng(1))
     trial["wind_speed"].values[5] = np.nan
     assert checks_by_name(trial, tanker)["wind"].verdict == "doubtful"
+
+
+def scaled(trial, factor):
+    return trial.assign(wind_speed=factor * trial["wind_speed"])
+
+
+def directed(trial, law):
+    return trial.assign(wind_direction=("time", law(trial["wind_direction"].values)))
+
+
+MISTAKEN = {
+    "anticlockwise": ("true", lambda trial: directed(trial, lambda angle: -angle), "good"),
+    "to": ("relative", lambda trial: directed(trial, lambda angle: angle + np.pi), "where the wind blows to"),
+    "knots": ("relative", lambda trial: scaled(trial, 1.0 / 0.514444), "wind_speed is in knots"),
+    "degrees": ("relative", lambda trial: directed(trial, np.rad2deg), "wind_direction is in deg, read in rad"),
+    "anticlockwise from the bow": ("relative", lambda trial: directed(trial, np.negative), "counts anticlockwise"),
+    "gusty degrees": ("true", lambda trial: directed(trial, np.rad2deg), "wind_direction is in deg, read in rad"),
+}
+
+
+@pytest.mark.parametrize(("reading", "mistake", "words"), MISTAKEN.values(), ids=MISTAKEN)
+def test_a_mistaken_column_of_the_wind_is_named(tanker, circle, reading, mistake, words):
+    check = checks_by_name(mistake(blown(circle, reading, np.random.default_rng(1))), tanker)["wind"]
+    assert (check.verdict == "good") if words == "good" else words in check.sentence
+
+
+@pytest.mark.parametrize("mistake", ["to", "knots", "anticlockwise from the bow"])
+def test_a_mistaken_column_of_a_wind_read_as_relative_is_named(tanker, circle, mistake):
+    _, mistaken, words = MISTAKEN[mistake]
+    trial = mistaken(blown(circle, "relative", np.random.default_rng(1)))
+    u, v, psi = (trial[name].values for name in ("u", "v", "psi"))
+    air = true_air(trial["wind_speed"].values, trial["wind_direction"].values, u, v, psi)
+    read = trial.assign(wind_speed=("time", np.abs(air)), wind_direction=("time", np.angle(-air)))
+    check = checks_by_name(read, tanker)["wind"]
+    assert (check.verdict, words in check.sentence) == ("bad", True)
+
+
+def test_an_unsteady_wind_is_not_called_steadier_than_its_readings(tanker, circle):
+    """Its best reading has 0.56 of the variance, say, which the sentence must not deny."""
+    trial = blown(circle, "true", np.random.default_rng(1))
+    varied = directed(trial, lambda angle: angle + 1.5 * np.sin(trial["time"].values / 60.0))
+    check = checks_by_name(varied, tanker)["wind"]
+    assert check.verdict == "good"
+    assert "no other reading of it by less than a quarter" in check.sentence
+    assert check.value("ratio under the best reading") == 1.0

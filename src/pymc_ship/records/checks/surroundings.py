@@ -8,12 +8,17 @@ import xarray as xr
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import SLOW, Check, missing_channels_text, not_checked
 from pymc_ship.records.files.format import true_air
-from pymc_ship.records.files.ship_scale import ShipScale, ship_blocks
+from pymc_ship.records.files.ship_scale import Blocks, ShipScale, ship_blocks
 
 ADVANCE = (0.1, 1.6)  # advance numbers J = U / (n D) of ships that sail ahead, from a tug that tows to a fast craft
 STEADIER = 0.25  # ratio of variances of the wind below which another reading of it is more probable
 _TURNED = np.deg2rad(60.0)  # change of heading without which readings of the wind cannot be distinguished
 _BLOCK = 0.25  # L/U
+_SAMPLES = 16  # of a block, at most, that show the wind
+_TURN = 7.0  # rad; a larger angle is one in degrees
+_KNOT = 1852.0 / 3600.0
+_RELATIVE = "wind_speed and wind_direction are of the relative wind, from the bow"
+_READ_AS_RELATIVE = "read as relative"
 
 
 def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
@@ -41,33 +46,67 @@ def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
 
 
 def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
-    """Whether the true wind of a record is steady, or would be if it were a relative one."""
+    """Whether the true wind of a record is steady, or would be under another reading of its columns."""
     name = "wind"
     if reason := missing_channels_text(trial, ("wind_speed", "wind_direction", "u", "v", "psi")):
         return not_checked(name, reason)
-    blocks = ship_blocks(trial, scale, _BLOCK)
-    speed, direction, psi = (trial[key].values for key in ("wind_speed", "wind_direction", "psi"))
-    if not (np.isfinite(speed).all() and np.isfinite(direction).all()):
+    size = ship_blocks(trial, scale, _BLOCK).size
+    if not all(np.isfinite(trial[key].values).all() for key in ("wind_speed", "wind_direction")):
         return Check(name, "doubtful", "The wind is missing in a part of the record; fill it in.")
-    if np.ptp(psi) < _TURNED:
+    if np.ptp(trial["psi"].values) < _TURNED:
         return not_checked(name, "true and relative wind cannot be distinguished on one course")
-    u, v, bow = trial["u"].values, trial["v"].values, np.exp(1j * psi)
-    air = -speed * np.exp(1j * direction)
-    readings = {
-        "": air,
-        "wind_speed and wind_direction are of the relative wind, from the bow": true_air(speed, direction, u, v, psi),
-        "wind_speed is of the relative wind, its direction from north": true_air(speed, direction - psi, u, v, psi),
-        "wind_direction counts from the bow": air * bow,
-    }
+    trial = trial.isel(time=slice(None, None, max(1, size // _SAMPLES)))
+    blocks = Blocks(min(size, _SAMPLES))
+    rounding = 1e-9 * float(np.mean(trial["wind_speed"].values ** 2))
     unsteady = {
-        words: float(np.var(blocks.means(flow.real)) + np.var(blocks.means(flow.imag)))
-        for words, flow in readings.items()
+        words: rounding + float(np.var(blocks.means(flow.real)) + np.var(blocks.means(flow.imag)))
+        for words, flow in _wind_readings(trial).items()
     }
-    best = min(unsteady, key=lambda words: unsteady[words])
-    ratio = unsteady[best] / max(unsteady[""], np.finfo(float).tiny)
-    numbers = (("variance of the wind", unsteady[""], "m2/s2"), ("ratio under the best reading", ratio, ""))
-    if not best or ratio > STEADIER:
-        return Check(name, "good", "The true wind is steadier than any reading of it as a relative one.", numbers)
-    remedy = 'state wind = "relative" in the format' if "relative wind, from the bow" in best else "correct the columns"
-    sentence = f"Probably {best}: the wind then keeps {100.0 * ratio:.2g} % of its variance; {remedy}."
+    best = min(unsteady, key=lambda words: unsteady[words] / STEADIER ** len(words))
+    ratio = unsteady[best] / max(unsteady[()], np.finfo(float).tiny)
+    numbers = (("variance of the wind", unsteady[()], "m2/s2"), ("ratio under the best reading", ratio, ""))
+    if not best:
+        text = (
+            f"The wind as given varies by {unsteady[()]:.2g} m2/s2, no other reading of it by less than a quarter of "
+        )
+        text += "that. A true wind in knots, with the direction it blows to or anticlockwise, would be as steady."
+        return Check(name, "good", text, numbers)
+    remedy = 'state wind = "relative" in the format' if best == (_RELATIVE,) else "correct the columns"
+    sentence = f"Probably {', and '.join(best)}: the wind then keeps {100.0 * ratio:.2g} % of its variance; {remedy}."
     return Check(name, "bad", sentence, numbers)
+
+
+def _wind_readings(trial: xr.Dataset) -> dict[tuple[str, ...], np.ndarray]:
+    """Velocity of the air [m/s], north + i east, by the mistakes of its columns that a reading takes back.
+
+    A wind in knots is brought to its size as given, which its variance does not depend on.
+    """
+    speed, direction, u, v, psi = (trial[key].values for key in ("wind_speed", "wind_direction", "u", "v", "psi"))
+    apparent = (-speed * np.exp(1j * direction)) * np.exp(-1j * psi) - (u + 1j * v)  # if read as relative already
+    columns = {(): (speed, direction), (_READ_AS_RELATIVE,): (np.abs(apparent), np.angle(-apparent))}
+    readings = {}
+    for before, (fast, came_from) in columns.items():
+        directions = {
+            (): came_from,
+            ("wind_direction is where the wind blows to",): came_from + np.pi,
+            ("wind_direction counts anticlockwise",): -came_from,
+        }
+        if np.abs(came_from).max() > _TURN:
+            directions["wind_direction is in deg, read in rad",] = np.deg2rad(came_from)
+        for knots, factor in {(): 1.0, ("wind_speed is in knots",): _KNOT}.items():
+            for turned, angle in directions.items():
+                frames = {
+                    (): -factor * fast * np.exp(1j * angle),
+                    (_RELATIVE,): true_air(factor * fast, angle, u, v, psi),
+                    ("wind_speed is of the relative wind, its direction from north",): true_air(
+                        factor * fast, angle - psi, u, v, psi
+                    ),
+                    ("wind_direction counts from the bow",): -factor * fast * np.exp(1j * (angle + psi)),
+                }
+                if before:
+                    readings[turned + knots] = min(
+                        (readings[turned + knots], frames[_RELATIVE,] / factor), key=lambda flow: float(np.var(flow))
+                    )
+                else:
+                    readings |= {frame + turned + knots: flow / factor for frame, flow in frames.items()}
+    return readings
