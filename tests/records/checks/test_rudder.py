@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from tests.records.checks.cases import INTERVAL, alarms, changed, checks_by_name, noisy, steered
+from tests.records.checks.cases import INTERVAL, alarms, changed, checks_by_name, noisy, simulated, steered
 
 
 def test_the_rudders_zero_is_mended_where_approach_and_zigzag_agree(container, approached):
@@ -79,3 +79,14 @@ def test_a_command_that_comes_after_the_rudder_is_doubted(container, approached)
         "rudder delay"
     ]
     assert check.verdict in ("doubtful", "not checked")
+
+
+def test_an_ordered_angle_is_named(container):
+    """The order is at the other side within one sample; the rudder of the file takes some seconds."""
+    zigzag = simulated(container, ps.zigzag(20, 20))
+    ordered = np.deg2rad(20.0) * np.sign(np.gradient(zigzag["delta"].values))
+    moving = np.abs(np.gradient(zigzag["delta"].values)) > 1e-6
+    held = np.maximum.accumulate(np.where(moving, np.arange(moving.size), 0))
+    check = checks_by_name(changed(zigzag, delta=ordered[held]), container)["rudder rate"]
+    assert check.verdict == "doubtful"
+    assert "delta is the ordered angle; find the column of the actual one" in check.sentence

@@ -70,7 +70,18 @@ def test_missing_revolutions_are_doubtful(tanker, circle):
     assert "missing in 10 % of the record" in check.sentence
 
 
-@pytest.mark.parametrize("n", [None, -1.5, 0.0])
+@pytest.mark.parametrize("factor", [2.0, 0.5])
+def test_revolutions_of_the_engine_are_doubtful(tanker, circle, factor):
+    check = checks_by_name(with_n(circle, factor * tanker.propeller.n), tanker)["revolutions"]
+    assert (check.verdict, "check that n is of the propeller" in check.sentence) == ("doubtful", True)
+
+
+def test_negative_revolutions_of_a_ship_ahead_are_bad(tanker, circle):
+    check = checks_by_name(with_n(circle, -tanker.propeller.n), tanker)["revolutions"]
+    assert (check.verdict, "state sign = -1 for n" in check.sentence) == ("bad", True)
+
+
+@pytest.mark.parametrize("n", [None, 0.0])
 def test_revolutions_that_tell_nothing_are_not_checked(tanker, circle, n):
     check = checks_by_name(circle if n is None else with_n(circle, n), tanker)["revolutions"]
     assert check.verdict == "not checked"

@@ -244,3 +244,11 @@ class TestExecution:
         whole = recorded_indices(records[2.5][0], ZIGZAGS[0])
         assert indices == {name: whole[name] for name in indices}
         assert set(run) == set(records[2.5][0].drop_vars(["x", "y", "phi"]))
+
+
+def test_the_rate_of_an_order_is_not_that_of_the_gear():
+    """397 deg/s is an order of 40 deg within one sample; a gear of 5 deg/s is measured."""
+    file = tanker().particulars.rudder_rate_deg
+    assert with_steering(tanker(), Steering(397.0, 1.0, 3)).particulars.rudder_rate_deg == file
+    assert with_steering(tanker(), Steering(397.0, 1.0, 3)).particulars.rudder_delay == 1.0
+    assert with_steering(tanker(), Steering(5.0, 1.0, 3)).particulars.rudder_rate_deg == 5.0

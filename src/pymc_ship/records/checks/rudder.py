@@ -21,6 +21,7 @@ LARGEST_RUDDER = 1.3  # rudder angle [rad] that no rudder reaches: a record beyo
 ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
 RATE = 0.1  # difference from the vessel file's rudder rate that passes
+GEAR, AT_ONCE = 5.0, 3.0  # rate [deg/s] of a quick gear; ratio to the rate of the gear that only an order has
 PAUSE = 0.25  # fraction of a move's largest step up to which the rudder pauses
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
@@ -138,6 +139,11 @@ def rudder_rate_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
     if "delta" not in trial:
         return not_checked(name, "no delta in the record")
     rate, samples = measured_rate(trial)
+    usual = vessel.particulars.rudder_rate_deg if vessel else GEAR
+    if 0 < samples < 3 and rate > AT_ONCE * usual:
+        text = f"The rudder moves at {rate:.3g} deg/s, from side to side within {samples + 1} samples: delta is the "
+        text += "ordered angle; find the column of the actual one."
+        return Check(name, "doubtful", text, (("rudder rate", rate, "deg/s"),))
     if samples < 3:
         reason = "the rudder never moves from side to side" if not samples else "its moves take fewer than 3 samples"
         return not_checked(name, reason)

@@ -11,6 +11,7 @@ from pymc_ship.records.files.format import true_air
 from pymc_ship.records.files.ship_scale import Blocks, ShipScale, ship_blocks
 
 ADVANCE = (0.1, 1.6)  # advance numbers J = U / (n D) of ships that sail ahead, from a tug that tows to a fast craft
+ADVANCE_OFF = 1.7  # ratio to the advance number of the vessel file from which n is doubted: a gear, or both shafts
 STEADIER = 0.25  # ratio of variances of the wind below which another reading of it is more probable
 _TURNED = np.deg2rad(60.0)  # change of heading without which readings of the wind cannot be distinguished
 _BLOCK = 0.25  # L/U
@@ -32,12 +33,23 @@ def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
     if not np.isfinite(n).all():
         percent = 100.0 * float(np.mean(~np.isfinite(n)))
         return Check(name, "doubtful", f"n is missing in {percent:.2g} % of the record and is left out; fill it in.")
+    moving = SLOW * np.quantile(U, 0.95) < U
+    if np.mean((n < 0.0) & (trial["u"].values > 0.0) & moving) > 0.5 * np.mean(moving):
+        return Check(name, "bad", "n is negative while the ship makes way ahead; state sign = -1 for n.")
     driven = (n > 0.0) & (SLOW * np.quantile(U, 0.95) < U)
     if not driven.any():
         return not_checked(name, "the propeller never turns ahead")
     J = float(np.median(U[driven] / (n[driven] * vessel.propeller.D)))
     numbers = (("advance number", J, ""),)
     low, high = ADVANCE
+    usual = vessel.particulars.nominal_speed / (vessel.propeller.n * vessel.propeller.D) if vessel.propeller.n else J
+    fastest = float(np.quantile(U[driven] / (n[driven] * vessel.propeller.D), 0.95))
+    if low <= J <= high and not 1.0 / ADVANCE_OFF < fastest / usual < ADVANCE_OFF:
+        text = (
+            f"The advance number reaches {fastest:.2g}, at the nominal speed and revolutions it is {usual:.2g}; check "
+        )
+        text += "that n is of the propeller and in 1/s, and n and D of the vessel file."
+        return Check(name, "doubtful", text, numbers)
     if low <= J <= high:
         return Check(name, "good", f"The advance number U / (n D) is {J:.2g}.", numbers)
     fits = low <= 60.0 * J <= high
@@ -84,7 +96,7 @@ def _wind_readings(trial: xr.Dataset) -> dict[tuple[str, ...], np.ndarray]:
     speed, direction, u, v, psi = (trial[key].values for key in ("wind_speed", "wind_direction", "u", "v", "psi"))
     apparent = (-speed * np.exp(1j * direction)) * np.exp(-1j * psi) - (u + 1j * v)  # if read as relative already
     columns = {(): (speed, direction), (_READ_AS_RELATIVE,): (np.abs(apparent), np.angle(-apparent))}
-    readings = {}
+    readings: dict[tuple[str, ...], np.ndarray] = {}
     for before, (fast, came_from) in columns.items():
         directions = {
             (): came_from,

@@ -30,6 +30,7 @@ STEERED = ("u", "r", "psi", "delta")  # channels that recognition needs
 _LONGEST_DELAY = 0.2  # L/U
 _USUAL_DELAY = 0.5  # of the longest; mean of the exponential prior of the delay
 _DELAYS = 201
+_AT_ONCE = 1000.0  # deg in L/U, quicker than any gear
 _UNUSUAL = np.log(20.0)  # prior odds against a switching heading that is not a multiple of 5 deg
 _ONE_SPEED = 1.1  # largest ratio of approach speeds of runs at one speed
 _RESOLVED = 0.1  # deg, resolution of the heading of an order
@@ -112,10 +113,15 @@ def unrecognised_text(trial: xr.Dataset) -> str:
 
 
 def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
-    """Vessel with the measured rudder rate and delay; unchanged without a measurement."""
+    """Vessel with the measured rudder rate and delay; unchanged without a measurement.
+
+    The rate of a rudder that moves at once is that of an order: the vessel keeps its own.
+    """
     if not steering.n_reversals:
         return vessel
     measured = {"rudder_rate_deg": steering.rudder_rate_deg, "rudder_delay": steering.rudder_delay}
+    if steering.rudder_rate_deg * vessel.particulars.ship_time > _AT_ONCE:
+        del measured["rudder_rate_deg"]
     return replace(vessel, particulars=replace(vessel.particulars, **measured))
 
 
