@@ -93,7 +93,8 @@ def _wind_readings(trial: xr.Dataset) -> dict[tuple[str, ...], np.ndarray]:
 
     A wind in knots is brought to its size as given, which its variance does not depend on.
     """
-    speed, direction, u, v, psi = (trial[key].values for key in ("wind_speed", "wind_direction", "u", "v", "psi"))
+    speed, direction = trial["wind_speed"].values, trial["wind_direction"].values
+    u, v, psi = (trial[key].values for key in ("u", "v", "psi"))
     apparent = (-speed * np.exp(1j * direction)) * np.exp(-1j * psi) - (u + 1j * v)  # if read as relative already
     columns = {(): (speed, direction), (_READ_AS_RELATIVE,): (np.abs(apparent), np.angle(-apparent))}
     readings: dict[tuple[str, ...], np.ndarray] = {}
