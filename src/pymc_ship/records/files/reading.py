@@ -27,7 +27,7 @@ from pymc_ship.records.files.format import (
     with_true_wind,
 )
 from pymc_ship.records.files.rudder_side import with_rudder_side
-from pymc_ship.records.files.tables import binary_columns, cell_texts
+from pymc_ship.records.files.tables import binary_columns, cell_texts, nmea_columns
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import OVER_GROUND, rudder_line
@@ -39,7 +39,7 @@ _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inve
 
 
 def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a trial from a file: text, Parquet, xlsx, NetCDF or MAT.
+    """Read a trial from a file: text, NMEA 0183, Parquet, xlsx, NetCDF or MAT.
 
     Columns are recognised by their headings: names of channels, in SI units unless stated (``u``, ``psi [deg]``,
     ``n_rpm``), or words such as ``Heading (deg)``. Uneven time and short gaps are interpolated, and reported.
@@ -137,10 +137,11 @@ def _text(path: Path) -> str:
 def text_table(path: Path, layout: TrialFormat) -> TextTable:
     """Header, units and rows of a file; TrialError if it cannot be read or is not a table."""
     if columns := binary_columns(path):
-        cells = zip(*(cell_texts(values) for values, _ in columns.values()), strict=True)
-        table = [list(row) for row in cells]
-        return TextTable([*columns], [unit for _, unit in columns.values()], table, list(range(1, len(table) + 1)), [])
+        texts = {name: cell_texts(values) for name, (values, _) in columns.items()}
+        return _table_of_columns(texts, {name: unit for name, (_, unit) in columns.items()}, [])
     lines = re.split(r"\r\n|\n|\r", _text(path))
+    if log := nmea_columns(lines, path):
+        return _table_of_columns(*log, rudder_positive="starboard")
     skipped = layout.skip_rows
     numbered = [(number, line) for number, line in enumerate(lines, 1) if number > skipped and line.strip()]
     comments = [(number, line) for number, line in numbered if line.lstrip().startswith(_COMMENTS)]
@@ -163,6 +164,15 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     whole, notes = _whole_rows(rows, len(headings), path)
     stated = next((side for _, line in comments for side in _SIDES if line.startswith(rudder_line(side))), "")
     return TextTable(headings, units, [cells for _, cells in whole], [number for number, _ in whole], notes, stated)
+
+
+def _table_of_columns(
+    columns: dict[str, list[str]], units: dict[str, str], notes: list[str], rudder_positive: str = ""
+) -> TextTable:
+    """Table of cells by heading."""
+    rows = [list(row) for row in zip(*columns.values(), strict=True)]
+    stated = [units.get(name, "") for name in columns]
+    return TextTable([*columns], stated, rows, list(range(1, len(rows) + 1)), notes, rudder_positive)
 
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:

@@ -1,13 +1,15 @@
-"""Parquet, xlsx, NetCDF and MAT files as the table of a text file; each library is imported when it is needed."""
+"""Parquet, xlsx, NetCDF and MAT files and logs of NMEA 0183 as tables; each library is imported when it is needed."""
 
 from __future__ import annotations
 
 import pickle
+import re
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -173,3 +175,103 @@ _READERS: Mapping[str, Callable[[Path], Columns]] = {
     "MAT": _matlab,
     "MAT 7.3": _matlab_73,
 }
+
+
+_SENTENCE = re.compile(r"^(.*?)[ ,;\t]*([$!][A-Z]{2}[A-Z]{3},.*)$")
+_NMEA = {  # unit, and type and fields of the sentences of each quantity, the first choice first
+    "psi": ("deg", (("HDT", "heading"),)),
+    "r": ("deg/min", (("ROT", "rate_of_turn"),)),
+    "delta": ("deg", (("RSA", "rsa_starboard"),)),
+    "u": ("kn", (("VBW", "lon_water_spd"), ("VHW", "water_speed_knots"))),
+    "v": ("kn", (("VBW", "trans_water_spd"),)),
+    "sog": ("kn", (("VTG", "spd_over_grnd_kts"), ("RMC", "spd_over_grnd"))),
+    "cog": ("deg", (("VTG", "true_track"), ("RMC", "true_course"))),
+    "latitude": ("deg", (("GGA", "latitude"), ("RMC", "latitude"), ("GLL", "latitude"))),
+    "longitude": ("deg", (("GGA", "longitude"), ("RMC", "longitude"), ("GLL", "longitude"))),
+    "n": ("rpm", (("RPM", "speed"),)),
+}
+_STATUS = {"rsa_starboard": "rsa_starboard_status", "rsa_port": "rsa_port_status"}
+_STATUS |= dict.fromkeys(("lon_water_spd", "trans_water_spd"), "data_validity_water_spd")
+_SHORTEST_LOG = 0.5  # fraction of the first lines that are sentences
+
+
+def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]], dict[str, str], list[str]] | None:
+    """Cells and units by heading of a log of NMEA 0183, with sentences; None for another text.
+
+    The time is the stamp of the logger before each sentence, or the last UTC in the log. A sensor has one column.
+    """
+    first = [line for line in lines[:200] if line.strip()][:50]
+    if sum(bool(_SENTENCE.match(line)) for line in first) <= _SHORTEST_LOG * len(first):
+        return None
+    try:
+        import pynmea2
+    except ImportError:
+        raise TrialError(f"{path}: NMEA 0183 needs pynmea2, found none; pip install 'pymc-ship[formats]'.") from None
+    readings, damaged, utc = [], 0, ""
+    for line in lines:
+        matched = _SENTENCE.match(line)
+        try:
+            message = pynmea2.parse(matched[2].strip(), check=True) if matched else None
+        except pynmea2.SentenceTypeError:
+            continue
+        except (pynmea2.ParseError, ValueError, TypeError):
+            message = None
+        damaged += message is None and bool(line.strip())
+        if message is None or not hasattr(message, "talker"):
+            continue
+        with suppress(AttributeError, ValueError, TypeError):
+            utc = f"{message.timestamp:%H:%M:%S.%f}" if message.timestamp else utc
+        readings.append((matched[1].strip() if matched else "", utc, message))
+    logger = sum(bool(stamp) for stamp, _, _ in readings) > 0.5 * len(readings)
+    sources, notes = _sensors([message for _, _, message in readings])
+    rows: list[dict[str, str]] = []
+    for stamp, clock, message in readings:
+        time = stamp if logger else clock
+        cells = {name: _field(message, of) for name, (sensor, of) in sources.items() if sensor == _sensor(message)}
+        cells = {name: cell for name, cell in cells.items() if cell}
+        if not time or not cells:
+            continue
+        if rows and rows[-1]["time"] == time and not cells.keys() & rows[-1].keys():
+            rows[-1] |= cells
+        else:
+            rows.append({"time": time, **cells})
+    notes += [f"{damaged} damaged sentences left out."] if damaged else []
+    columns = {name: [row.get(name, "") for row in rows] for name in ("time", *sources)}
+    return columns, {name: _NMEA[name][0] for name in sources}, notes
+
+
+def _sensor(message: Any) -> str:
+    """Name of a sensor: talker, type, and for revolutions source and number."""
+    more = f" {message.source}{message.engine_no}" if message.sentence_type == "RPM" else ""
+    return f"{message.talker}{message.sentence_type}{more}"
+
+
+def _sensors(messages: Sequence[Any]) -> tuple[dict[str, tuple[str, str]], list[str]]:
+    """Sensor and field of each quantity, and a sentence on the sensors that are not used."""
+    counts = Counter((message.sentence_type, _sensor(message)) for message in messages)
+    sources = {}
+    for name, (_, choices) in _NMEA.items():
+        for kind, of in choices:
+            known = {sensor: count for (one, sensor), count in counts.items() if one == kind}
+            if known:
+                sources[name] = (max(known, key=lambda sensor: known[sensor]), of)
+                break
+    used = {sensor for sensor, _ in sources.values()}
+    unused = sorted({sensor for _, sensor in counts} - used)
+    notes = ["NMEA 0183: " + ", ".join(f"{name} of {sensor}" for name, (sensor, _) in sources.items()) + "."]
+    notes += [f"Sensors left out: {', '.join(unused)}."] if unused else []
+    if any(message.sentence_type == "RSA" and _field(message, "rsa_port") for message in messages):
+        notes.append("RSA has a port rudder, which is left out: delta is the starboard one.")
+    return sources, notes
+
+
+def _field(message: Any, name: str) -> str:
+    """Number of a field as text; empty if it is missing or declared invalid."""
+    status = _STATUS.get(name, "status")
+    if str(getattr(message, status, "A") or "A") == "V" or (name.endswith("itude") and not getattr(message, "lat", "")):
+        return ""
+    try:
+        value = getattr(message, name, "")
+        return repr(float(value)) if value not in ("", None) else ""
+    except (ValueError, TypeError):
+        return ""

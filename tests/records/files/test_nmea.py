@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pymc_ship.machine.errors import TrialError
+from tests.records.files.test_format import fixes, received
+
+
+def sentence(body):
+    """Sentence with its checksum."""
+    total = 0
+    for letter in body:
+        total ^= ord(letter)
+    return f"${body}*{total:02X}"
+
+
+def position(degrees, width, letters):
+    whole = int(abs(degrees))
+    return f"{whole:0{width}d}{60.0 * (abs(degrees) - whole):010.7f},{letters[int(degrees < 0)]}"
+
+
+def log(run, stamped):
+    """Sentences of a receiver, a gyro, a second gyro, a rudder indicator and a log of speed, at 10 Hz."""
+    table, lines = received(run), ["$GPGSV,1,1,00*79"]
+    latitude, longitude = fixes(run["x"].values - run["x"].values[0], run["y"].values - run["y"].values[0])
+    for k, time in enumerate(run["time"].values):
+        clock = f"23:59:{50 + time:08.5f}" if time < 10 else f"00:00:{time - 10:08.5f}"
+        utc = clock.replace(":", "")[:9]
+        where = f"{position(latitude[k], 2, 'NS')},{position(longitude[k], 3, 'EW')}"
+        bodies = [
+            f"GPGGA,{utc},{where},1,08,0.9,0.0,M,0.0,M,,",
+            f"HEHDT,{table['HDT [deg]'][k]:.4f},T",
+            f"GPHDT,{table['HDT [deg]'][k] + 3.0:.4f},T" if k % 2 else "",
+            f"TIROT,{60.0 * np.rad2deg(run['r'].values[k]):.4f},A",
+            f"AGRSA,{table['RSA [deg]'][k]:.4f},A,,V",
+            f"VDVBW,{run['u'].values[k] * 3600 / 1852:.4f},{run['v'].values[k] * 3600 / 1852:.4f},A,,,V",
+        ]
+        lines += [f"2020-01-01T{clock}Z," * stamped + sentence(body) for body in bodies if body]
+    return [line.replace("2020-01-01T00", "2020-01-02T00") for line in lines]
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_a_log_of_sentences_is_the_same_trial(run, read, stamped):
+    lines = log(run, stamped)
+    lines[100] = lines[100][:-1] + "G"
+    trial = read("\n".join([line for k, line in enumerate(lines) if k % 200 != 150]))
+    for name, resolution in {"u": 1e-3, "v": 1e-3, "r": 1e-5, "psi": 1e-4, "delta": 2e-3}.items():
+        np.testing.assert_allclose(
+            np.interp(run["time"], trial["time"] + run["time"].values[0], trial[name]),
+            run[name],
+            atol=resolution,
+            err_msg=name,
+        )
+    np.testing.assert_allclose(np.ptp(trial["x"].values), np.ptp(run["x"].values), atol=1.0)
+    assert "psi of HEHDT" in trial.attrs["reading"]
+    assert "Sensors left out: GPGSV, GPHDT." in trial.attrs["reading"]
+    assert "damaged sentences left out." in trial.attrs["reading"]
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_damaged_logs_are_read_or_refused_in_a_sentence(run, read, stamped):
+    raw, rng = "\n".join(log(run.isel(time=slice(60)), stamped)).encode(), np.random.default_rng(8)
+    for _ in range(60):
+        spoilt = bytearray(raw[: rng.integers(20, len(raw) + 1)] if rng.random() < 0.3 else raw)
+        for place in rng.integers(0, len(spoilt), rng.integers(1, 200)):
+            spoilt[place] = rng.integers(32, 127)
+        try:
+            words = read(bytes(spoilt)).attrs["reading"]
+        except TrialError as error:
+            words = str(error)
+        assert words.endswith(".")
+
+
+def test_invalid_fields_are_missing(run, read):
+    lines = [line.replace(",A*", ",V*") if "ROT" in line else line for line in log(run, stamped=True)]
+    lines = [sentence(line[1:-3]) if line.startswith("$") else line for line in lines]
+    kept = [line[: line.index("$")] + sentence(line[line.index("$") + 1 : -3]) for line in lines if "$" in line]
+    assert "r" not in read("\n".join(kept))
