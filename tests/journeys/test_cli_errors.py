@@ -30,8 +30,10 @@ def refused(capsys, *words, status=2):
 
 
 def spoil(trial, how):
-    """Text of a trial with a defect."""
-    header, *lines = [line for line in trial.read_text().splitlines() if line[0] != "#"]
+    """Text of a trial with a defect, below its own comments."""
+    lines = trial.read_text().splitlines()
+    comments = [line for line in lines if line[0] == "#"]
+    header, *lines = lines[len(comments) :]
     table = [dict(zip(header.split(","), line.split(","), strict=True)) for line in lines]
     if how == "nan":
         table = [row | {"v": "nan"} for row in table]
@@ -45,7 +47,7 @@ def spoil(trial, how):
         table = [row | {"delta": "0.1"} for row in table]
     elif how == "text":
         table[57]["v"] = "fast"
-    return "\n".join([",".join(table[0]), *(",".join(row.values()) for row in table)]) + "\n"
+    return "\n".join([*comments, ",".join(table[0]), *(",".join(row.values()) for row in table)]) + "\n"
 
 
 @pytest.mark.parametrize("command", ["regress", "tune"])
@@ -55,7 +57,7 @@ def spoil(trial, how):
         ("nan", "The trial needs the channels u, v, r, delta; v missing; add them."),
         ("time", "the time of a trial must increase, found 5.7 s in every row; correct it."),
         ("missing", "The trial needs the channels u, v, r, delta; r missing; add them."),
-        ("text", "line 59, column v: a number is needed, found 'fast'; correct or empty the cell."),
+        ("text", "line 61, column v: a number is needed, found 'fast'; correct or empty the cell."),
     ],
 )
 def test_a_trial_that_cannot_be_used_is_refused(made, small, tmp_path, capsys, command, how, sentence):
@@ -142,7 +144,7 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
             "has its own rudder angles, found --side",
         ),
         ("denoise {tmp}/none.csv --out {out}", "none.csv cannot be read: No such file or directory; check the path"),
-        ("denoise {tmp}/rad.csv --out {out}", "needs one of the channels u, v, r, p, phi, psi, found none"),
+        ("denoise {tmp}/rudder.csv --out {out}", "needs one of the channels u, v, r, p, phi, psi, found none"),
         ("denoise {made}/trial.csv --wavelet sinus --out {out}", "needs an orthogonal wavelet, found 'sinus'"),
         ("denoise {made}/trial.csv --prior flat --out {out}", "invalid choice: 'flat'"),
         ("regress {made}/trial.csv --vessel container --family flat --out {out}", "invalid choice: 'flat'"),
@@ -192,6 +194,7 @@ def test_what_cannot_run_is_one_sentence_and_leaves_no_file(made, small, tmp_pat
     (tmp_path / "odd.toml").write_text(toml(small).replace("Nv =", "Nvzz ="))
     (tmp_path / "other.toml").write_text(toml(replace(small, name="other")))
     (tmp_path / "rad.csv").write_text("time,delta\n0,0.1\n1,0.2\n")
+    (tmp_path / "rudder.csv").write_text('# rudder_positive = "port"\ntime,delta\n0,0.1\n1,0.2\n')
     (tmp_path / "wide.csv").write_text("time,delta_deg\n0,1,2,3\n4,5,6,7\n")
     (tmp_path / "junk").mkdir()
     (tmp_path / "junk" / "surge-conjugate.nc").write_text("no NetCDF")
