@@ -1,7 +1,8 @@
 """Sides of the rudder that noisy records show: ``python -m tests.records.files.rudder_sides [SEEDS]``.
 
-The records of :mod:`tests.records.checks.false_alarms`, and those of the ships of other simulators with the noise of
-their sensors and of ten times that; a positive rudder turns all of them to port.
+The records of :mod:`tests.records.checks.false_alarms`; manoeuvres of the ships of other simulators in calm water, wind
+and current, with the noise of their sensors and of ten per cent; and a random third of each record. A positive rudder
+turns all of them to port.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -33,28 +35,47 @@ def noisy_records(seeds: int) -> Iterator[tuple[tuple[str, str], xr.Dataset]]:
 def foreign_records(seeds: int) -> Iterator[tuple[tuple[str, str], xr.Dataset]]:
     """As :func:`noisy_records`, of the ships of other simulators."""
     from studies.foreign.cases import named_cases
+    from studies.foreign.sailing import Trial
 
-    for name, case in named_cases().items():
+    sailed = (
+        Trial("zigzag", 10.0, 10.0, "port"),
+        Trial("zigzag", 20.0, 20.0, "starboard"),
+        Trial("circle", 35.0, side="starboard"),
+        Trial("pull-out", 20.0, 90.0, "port"),
+    )
+    cases = [case for name, case in named_cases().items() if not name.endswith(("two", "no-propeller"))]
+    for case in cases:
         for seed in range(1, seeds + 1):
-            for trial in case.records(seed):
-                yield (name, "sensors"), trial
-                rng = np.random.default_rng(seed)
-                louder = {
-                    key: (
-                        "time",
-                        trial[key].values + 0.1 * trial[key].values.std() * rng.standard_normal(trial.sizes["time"]),
-                    )
-                    for key in ("u", "v", "r", "psi", "delta")
-                    if key in trial
-                }
-                yield (name, "10 % of the sd"), trial.assign(louder)
+            for trial, record in zip(sailed, replace(case, trials=sailed).records(seed), strict=True):
+                manoeuvre = " ".join(trial.label.split()[:2]).replace("circle", "turn")
+                yield (manoeuvre, "none" if case.sensors is None else "sensors"), record
+                yield (manoeuvre, "10 %"), _louder(record, np.random.default_rng(seed))
+
+
+def _louder(record: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
+    """Record with noise of a tenth of the standard deviation of each channel."""
+    names = [name for name in ("u", "v", "r", "psi", "delta") if name in record]
+    noise = {name: 0.1 * float(record[name].std()) * rng.standard_normal(record.sizes["time"]) for name in names}
+    return record.assign({name: ("time", record[name].values + noise[name]) for name in names})
+
+
+def with_thirds(records: Iterator[tuple[tuple[str, str], xr.Dataset]]) -> Iterator[tuple[tuple[str, str], xr.Dataset]]:
+    """Records, and a third of each from a random instant on."""
+    rng = np.random.default_rng(39)
+    for (manoeuvre, noise), trial in records:
+        yield (manoeuvre, noise), trial
+        third = trial.sizes["time"] // 3
+        begin = int(rng.integers(0, trial.sizes["time"] - third))
+        yield (f"a third of {manoeuvre}", noise), trial.isel(time=slice(begin, begin + third))
 
 
 def main(seeds: int) -> None:
     """Print the records, those that show no side and those that show the wrong one, by manoeuvre and noise."""
     counts: dict[tuple[str, str], Counter] = {}
     for records in (noisy_records, foreign_records):
-        for key, trial in records(seeds):
+        for key, trial in with_thirds(records(seeds)):
+            if not trial["delta"].values.any():
+                continue
             counts.setdefault(key, Counter())[shown_side(trial)] += 1
     for key, sides in sorted(counts.items()):
         print(f"{', '.join(key)}: {sides.total()} records, {sides['']} without a side, {sides['starboard']} wrong")

@@ -46,8 +46,10 @@ def polluted_with_a_gap(zigzag_trial):
     ps.pollute(gap, level=0.1, rng=np.random.default_rng(13))
 
 
-def without_a_side(run, read):
-    read(written(columns(run.isel(time=slice(15)))).replace("# rudder_positive", "# note"))
+def without_a_side(run, read, n_time=15, dropped=(), **changed):
+    table = {name: values for name, values in columns(run.isel(time=slice(n_time))).items() if name not in dropped}
+    table |= {name: np.full(n_time, value) for name, value in changed.items()}
+    read(written(table).replace("# rudder_positive", "# note"))
 
 
 def of_two_sides(run):
@@ -57,6 +59,10 @@ def of_two_sides(run):
 test_trial_errors = wording(
     ps.TrialError,
     (r'must be stated, .*the line \[frame\], below it rudder_positive = "starboard" \(or "port"\)', without_a_side),
+    ("stated, since the record has 15 samples, fewer than 20; ", without_a_side),
+    ("no yaw rate and no heading; ", partial(without_a_side, dropped=("r", "psi"))),
+    ("the rudder never moves from 5.73 deg; ", partial(without_a_side, delta=0.1)),
+    (r"by 0 of 5 standard errors; ", partial(without_a_side, n_time=60, r=0.0)),
     (
         r"columns 'HDT', 'RSA': their units are not stated; state them, such as 'HDT \[deg\]', 'RSA \[deg\]'",
         lambda: matched("HDT", "RSA"),

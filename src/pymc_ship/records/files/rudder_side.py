@@ -17,6 +17,8 @@ _CERTAIN = 5.0  # standard errors
 _CORRELATED = 0.7  # correlation of yaw rate and rudder from which it shows the side, as in a long steady turn
 _TURN = 0.5  # rad that the ship turns at least where the correlation alone shows the side
 _BLOCK = 0.25  # L/U
+_FEWEST_SAMPLES = 20
+_STILL = np.deg2rad(0.5)  # smallest movement of a rudder
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def with_rudder_side(trial: xr.Dataset, stated: str, where: str) -> xr.Dataset:
         effect = shown_effect(trial)
         if effect is None or not effect.side:
             raise TrialError(
-                f"{where}: the side that a positive rudder turns to must be stated, the turn rate does not show it; "
+                f"{where}: the side that a positive rudder turns to must be stated, {_hidden_by(trial, effect)}; "
                 'state it in a format file: the line [frame], below it rudder_positive = "starboard" (or "port").'
             )
         side = effect.side
@@ -87,15 +89,33 @@ def shown_effect(trial: xr.Dataset) -> RudderEffect | None:
     """Effect of the rudder, with the rate of the heading where no yaw rate is recorded; None for a short record."""
     if "r" not in trial and "psi" in trial and trial.sizes["time"] > 2:
         trial = trial.assign(r=("time", np.gradient(trial["psi"].values, trial["time"].values)))
-    if "r" not in trial or trial.sizes["time"] < 20:
+    if "r" not in trial or trial.sizes["time"] < _FEWEST_SAMPLES:
         return None
     return rudder_effect(trial, ship_scale(trial, None))
 
 
 def _evidence(effect: RudderEffect) -> str:
     if abs(effect.gain) > _CERTAIN * effect.error:
-        return f"by {min(abs(effect.gain) / max(effect.error, 1e-300), 999.0):.0f} standard errors"
+        return f"by {_standard_errors(effect):.0f} standard errors"
     return f"by a correlation of {abs(effect.correlation):.2f}"
+
+
+def _standard_errors(effect: RudderEffect) -> float:
+    """Effect of the rudder in standard errors, at most 999."""
+    return min(abs(effect.gain) / max(effect.error, 1e-300), 999.0)
+
+
+def _hidden_by(trial: xr.Dataset, effect: RudderEffect | None) -> str:
+    """Reason for which a record does not show the side of its rudder."""
+    if "r" not in trial and "psi" not in trial:
+        return "since the record has no yaw rate and no heading"
+    if np.ptp(trial["delta"].values) < _STILL:
+        return f"since the rudder never moves from {np.rad2deg(trial['delta'].values[0]):.3g} deg"
+    if effect is None:
+        return f"since the record has {trial.sizes['time']} samples, fewer than {_FEWEST_SAMPLES}"
+    return (
+        f"since the turn shows it by {abs(effect.gain) / max(effect.error, 1e-300):.2g} of {_CERTAIN:g} standard errors"
+    )
 
 
 def check_one_side(trials: Mapping[str, xr.Dataset]) -> None:
