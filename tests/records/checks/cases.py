@@ -58,3 +58,11 @@ def lever(trial):
 
 def units(name, factor):
     return lambda trial: changed(trial, **{name: factor * trial[name].values})
+
+
+def through_backlash(values, gap):
+    """Readings of an indicator with backlash: it moves once the shaft has taken up the gap."""
+    read = np.array(values)
+    for k in range(1, read.size):
+        read[k] = np.clip(read[k - 1], values[k] - 0.5 * gap, values[k] + 0.5 * gap)
+    return read

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from tests.records.checks.cases import INTERVAL, alarms, changed, checks_by_name, noisy, simulated, steered
+from tests.records.checks.cases import (
+    INTERVAL,
+    alarms,
+    changed,
+    checks_by_name,
+    noisy,
+    simulated,
+    steered,
+    through_backlash,
+)
 
 
 def test_the_rudders_zero_is_mended_where_approach_and_zigzag_agree(container, approached):
@@ -90,3 +99,41 @@ def test_an_ordered_angle_is_named(container):
     check = checks_by_name(changed(zigzag, delta=ordered[held]), container)["rudder rate"]
     assert check.verdict == "doubtful"
     assert "delta is the ordered angle; find the column of the actual one" in check.sentence
+
+
+def read_by_indicator(trial, backlash, step):
+    delta = through_backlash(np.rad2deg(trial["delta"].values), backlash)
+    return changed(trial, delta=np.deg2rad(step * np.round(delta / step) if step else delta))
+
+
+@pytest.mark.parametrize(
+    ("backlash", "step", "verdict", "reads"),
+    [
+        (2, 1, "doubtful", "19 deg to both sides, in steps of 1 deg"),
+        (3, 1, "doubtful", "18 deg to both sides, in"),
+        (0, 1, "good", "20 deg to both sides, in steps of 1 deg"),
+        (0.3, 0, "good", "19.9 deg to both sides."),
+        (2.2, 0, "doubtful", "18.9 deg to both sides for"),
+        (4.4, 0, "good", "17.8 deg to both sides."),
+    ],
+)
+@pytest.mark.parametrize("ship", ["container", "kvlcc2"])
+def test_an_indicator_that_falls_short_of_the_order_is_named(ship, backlash, step, verdict, reads):
+    vessel = ps.load_vessel(ship)
+    check = checks_by_name(read_by_indicator(simulated(vessel, ps.zigzag(20, 20)), backlash, step), vessel)
+    assert check["rudder angle"].verdict == verdict
+    assert reads in check["rudder angle"].sentence
+    assert ("order of 20 deg" in check["rudder angle"].sentence) == (verdict == "doubtful")
+
+
+@pytest.mark.parametrize(("ordered", "verdict"), [(12.0, "good"), (14.0, "doubtful")])
+def test_the_recorded_order_is_what_an_angle_is_compared_with(container, ordered, verdict):
+    run = simulated(container, ps.zigzag(12, 10))
+    order = np.deg2rad(ordered) * np.sign(run["delta"].values)
+    assert checks_by_name(run.assign(delta_command=("time", order)), container)["rudder angle"].verdict == verdict
+
+
+@pytest.mark.parametrize("manoeuvre", [ps.turning_circle(34), ps.zigzag(12, 10)])
+def test_an_order_between_two_multiples_of_five_degrees_is_no_error(container, manoeuvre):
+    check = checks_by_name(simulated(container, manoeuvre), container)["rudder angle"]
+    assert check.verdict == ("good" if manoeuvre.kind == "zigzag" else "not checked")

@@ -44,7 +44,7 @@ def test_a_record_without_noise_raises_no_alarm(container, approached):
 def test_every_check_of_a_full_record_is_made(approached, container):
     trial = approached.assign(delta_command=approached["delta"]).assign_attrs(reading="comma")
     left = {name for name, check in checks_by_name(trial, container).items() if check.verdict == "not checked"}
-    assert left == {"rudder delay", "revolutions", "wind"}
+    assert left == {"rudder angle", "rudder delay", "revolutions", "wind"}
 
 
 @pytest.mark.parametrize("name", ["u", "v", "r", "p", "phi", "psi", "x", "y", "delta"])

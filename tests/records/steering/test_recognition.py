@@ -14,6 +14,7 @@ from pymc_ship.records.steering.recognition import Steering, recognise, with_ste
 from pymc_ship.ships.identification.held_out import recorded_indices
 from pymc_ship.trial.record import check_trial
 from tests.physics.manoeuvre.cases import measured, scaled, simulated
+from tests.records.checks.cases import through_backlash
 from tests.ships.identification.cases import tanker, trial, with_delay
 
 ZIGZAGS = (
@@ -115,6 +116,16 @@ class TestZigzags:
         run = records[2.5][0]
         (recognised,), _ = recognise([run.assign(delta=shown * run["delta"])], tanker())
         assert (recognised.rudder_deg, recognised.heading_deg) == (rudder, 10.0)
+
+    @pytest.mark.parametrize("step", [0.0, 1.0])
+    @pytest.mark.parametrize("ship", ["container", "kvlcc2"])
+    def test_an_indicator_with_backlash_does_not_change_the_order(self, ship, step):
+        vessel = ps.load_vessel(ship)
+        for manoeuvre in (ps.zigzag(20, 20), ps.zigzag(10, 10, side="starboard"), ps.zigzag(15, 5)):
+            run = ps.simulate(vessel, manoeuvre, duration=400.0, record_interval=0.5)
+            delta = through_backlash(np.rad2deg(run["delta"].values), 2.0)
+            read = run.assign(delta=("time", np.deg2rad(step * np.round(delta / step) if step else delta)))
+            assert recognise([read], vessel)[0][0].label == manoeuvre.label
 
     def test_the_steering_goes_to_the_vessel(self):
         steering = Steering(3.0, 1.5, 4)

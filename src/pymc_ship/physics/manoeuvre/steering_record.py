@@ -14,6 +14,7 @@ from pymc_ship.trial.record import second_difference_sd
 
 _SKEWED = np.deg2rad(2.0)  # largest shift of the base course from the course of the approach
 _ORDERED = 1.0  # deg, within which an angle is a multiple of 5
+_PLAY = 1.5  # deg, by which both sides of a zigzag fall short of it: backlash of 2 deg, half a step of 1 deg
 _INNER = 0.6  # of the rudder angle, between which the rudder rate is measured
 _NEAR = 0.3  # of the rudder angle, largest difference of the two sides of a zigzag
 _LASTS = 0.1  # of the longest time at a fixed rudder
@@ -78,7 +79,8 @@ class SteeringRecord:
     @cached_property
     def reversed_angle(self) -> int:
         """Rudder angle [deg] of a zigzag, as ordered."""
-        return self.ordered_angle(np.rad2deg(zigzag_rudder_angle(self.trial["delta"].values[is_manoeuvre(self.trial)])))
+        angle = np.rad2deg(zigzag_rudder_angle(self.trial["delta"].values[is_manoeuvre(self.trial)]))
+        return self.ordered_angle(angle, within=_PLAY)
 
     @cached_property
     def switching_heading(self) -> int:
@@ -87,10 +89,10 @@ class SteeringRecord:
         return whole_heading(headings)
 
     @staticmethod
-    def ordered_angle(angle: float) -> int:
-        """Ordered rudder angle [deg]: a multiple of 5 within 1 deg, or else the nearest whole number."""
+    def ordered_angle(angle: float, within: float = _ORDERED) -> int:
+        """Ordered rudder angle [deg]: a multiple of 5 ``within`` some deg, or else the nearest whole number."""
         five = 5 * round(angle / 5.0)
-        return five if abs(angle - five) < _ORDERED and five else round(angle)
+        return five if abs(angle - five) < within and five else round(angle)
 
 
 def whole_heading(headings: np.ndarray) -> int:

@@ -1,10 +1,11 @@
-"""Checks of the rudder record: unit, sign, zero, rate and delay."""
+"""Checks of the rudder record: unit, sign, zero, angle, rate and delay."""
 
 from __future__ import annotations
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.physics.manoeuvre.steering_record import is_manoeuvre, rudder_reversals, zigzag_rudder_angle
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import (
     Check,
@@ -20,11 +21,15 @@ from pymc_ship.trial.record import sampling_interval
 LARGEST_RUDDER = 1.3  # rudder angle [rad] that no rudder reaches: a record beyond 75 deg is one in degrees
 ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
+OFF_THE_ORDER = 0.75  # deg, difference of a zigzag's angle from its order beyond the usual reading of an indicator
+LONGEST_PLAY = 1.5  # deg, up to which an angle is that of an order of a multiple of 5 deg, however finely it is read
+STEPS = (2.0, 1.0, 0.5)  # deg, of coarse indicators
 RATE = 0.1  # difference from the vessel file's rudder rate that passes
 GEAR, AT_ONCE = 5.0, 3.0  # rate [deg/s] of a quick gear; ratio to the rate of the gear that only an order has
 PAUSE = 0.25  # fraction of a move's largest step up to which the rudder pauses
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
+_FEWEST_READINGS, _ON_THE_STEP = 5, 0.02  # different readings of a step; distance from a multiple of it, in steps
 _MOVE = 0.6  # fraction of the way from the middle of the rudder's range to its ends
 
 
@@ -106,6 +111,37 @@ def _zigzag_zero(trial: xr.Dataset) -> float:
         return np.nan
     total = np.median(sides[0]) + np.median(sides[1])
     return float(0.5 * total) if abs(total) <= 2.0 * _PLATEAUS_AGREE else np.nan
+
+
+def rudder_step(delta: np.ndarray) -> float:
+    """Step [deg] of an indicator of :data:`STEPS` that has all readings [rad]; 0 for a finer one."""
+    readings = np.unique(np.rad2deg(delta))
+    for step in STEPS if readings.size >= _FEWEST_READINGS else ():
+        if np.abs((readings - readings[0]) / step - np.rint((readings - readings[0]) / step)).max() < _ON_THE_STEP:
+            return step
+    return 0.0
+
+
+def rudder_angle_check(trial: xr.Dataset) -> Check:
+    """Angle of a zigzag to both sides against ``delta_command`` [rad], or against the multiple of 5 deg next to it."""
+    name = "rudder angle"
+    if reason := missing_channels_text(trial, ("delta", "psi")):
+        return not_checked(name, reason)
+    if not rudder_reversals(trial):
+        return not_checked(name, "the rudder is not reversed between two angles, as in a zigzag")
+    under_way, step = is_manoeuvre(trial), rudder_step(trial["delta"].values)
+    angle = float(np.rad2deg(zigzag_rudder_angle(trial["delta"].values[under_way])))
+    order = 5.0 * round(angle / 5.0)
+    if "delta_command" in trial:
+        order = float(np.rad2deg(zigzag_rudder_angle(trial["delta_command"].values[under_way])))
+    numbers: Numbers = (("angle", angle, "deg"), ("order", order, "deg"), ("step", step, "deg"))
+    text = f"The rudder reads {angle:.3g} deg to both sides" + (f", in steps of {step:g} deg" if step else "")
+    stated = "delta_command" in trial and order > 0.0
+    if abs(angle - order) > OFF_THE_ORDER and (stated or step or abs(angle - order) <= LONGEST_PLAY):
+        text += f" for {'an order' if stated else 'a probable order'} of {order:.3g} deg: backlash or scale of the "
+        text += "indicator, which the rudder coefficients take over; calibrate delta."
+        return Check(name, "doubtful", text, numbers)
+    return Check(name, "good", f"{text}.", numbers)
 
 
 def _moves(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

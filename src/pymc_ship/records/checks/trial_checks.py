@@ -150,7 +150,7 @@ def _closure_checks(
 
 def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool) -> list[Check]:
     unit = rudder.rudder_unit_check(trial)
-    names = ("rudder sign", "rudder zero", "rudder rate", "rudder delay")
+    names = ("rudder sign", "rudder zero", "rudder angle", "rudder rate", "rudder delay")
     if unit.verdict != "good":
         reason = "the unit of delta must be right first" if unit.verdict == "bad" else "no delta in the record"
         return [unit, *(not_checked(name, reason) for name in names)]
@@ -161,6 +161,7 @@ def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool
         unit,
         sign,
         rudder.rudder_zero_check(trial),
+        rudder.rudder_angle_check(trial),
         rudder.rudder_rate_check(trial, vessel),
         rudder.rudder_delay_check(trial),
     ]
