@@ -26,8 +26,11 @@ KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", 
 PART = KERNEL | {"_nrt": False}
 """The same for a function that makes no array: counting references to its arguments would double the time of a step."""
 
-INLINED = PART | {"forceinline": True}
-"""The same for a part of a kernel that must know the number of lanes when it is compiled, where the kernel knows it."""
+INLINED = PART | {"inline": "always"}
+"""The same for a part of one step, which is compiled within the step only."""
+
+LINKED = PART | {"forceinline": True}
+"""The same for a step or a march of steps, which must know the number of lanes, as the kernel that links it does."""
 
 STATE = channel_names(lambda channel: channel.part == "motion")
 """Rows of a state array, SI units and rad: u, v, r, p, phi, psi, x, y."""

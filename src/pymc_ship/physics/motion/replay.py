@@ -15,6 +15,7 @@ from pymc_ship.physics.motion.stepping import (
     N_INPUTS,
     Record,
     advance_along,
+    copy,
     integration,
     lanes_at_rest,
     mark_divergence,
@@ -29,7 +30,7 @@ def _replay(coefficients: np.ndarray, scheme: Scheme, initial: np.ndarray, recor
     values, block, substeps, n_time = record.inputs, record.block, record.integration.substeps, record.inputs.shape[1]
     lanes = lanes_at_rest(n_lanes, record.integration.stages.shape[0], scheme)
     set_parts(coefficients, scheme, lanes.work)
-    lanes.state[:n_states] = initial
+    copy(lanes.state[:n_states], initial)
     inputs, following = np.empty((values.shape[0], n_lanes)), np.empty((values.shape[0], n_lanes))
     diverged = np.full(n_lanes, -1)
     for k in range(n_blocks * block):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pymc_ship.physics.motion.equations import INLINED, KERNEL, PART, Scheme, scheme, set_parts, workspace
+from pymc_ship.physics.motion.equations import KERNEL, LINKED, PART, Scheme, scheme, set_parts, workspace
 from pymc_ship.physics.motion.inputs import all_inputs
 from pymc_ship.physics.motion.linearisation import INSTANTS, Instants, forcing_gain, instants_of, linearise
 from pymc_ship.physics.motion.replay import check_replay
@@ -36,7 +36,7 @@ class Tangents(NamedTuple):
     block: np.ndarray
 
 
-@njit(**INLINED)
+@njit(**LINKED)
 def _march(
     ship: Lanes, coefficients: np.ndarray, scheme: Scheme, record: Record, steps: tuple[int, int], instants: Instants
 ) -> bool:

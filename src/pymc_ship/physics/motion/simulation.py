@@ -110,12 +110,14 @@ def _integrate(
         if k % steps.substeps == 0:
             for lane in range(n_lanes):
                 if diverged[lane] < 0:
-                    out[:-1, lane, k // steps.substeps] = lanes.state[:, lane]
-                    out[-1, lane, k // steps.substeps] = delta[lane]
+                    for row in range(STATE_ROWS):
+                        out[row, lane, k // steps.substeps] = lanes.state[row, lane]
+                    out[STATE_ROWS, lane, k // steps.substeps] = delta[lane]
         ahead = command[min(k + 1, command.size - 1)] if steering.travel == np.inf else command[k]
         _steer(steering, lanes.state[5], ahead, rudder)
         advance_along(lanes, inputs, following, coefficients, scheme, steps)
-        delta[:] = rudder.following
+        for lane in range(n_lanes):
+            delta[lane] = rudder.following[lane]
     return diverged
 
 

@@ -9,7 +9,17 @@ from numba import njit
 
 from pymc_ship.physics.forces.part import INPUTS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.motion.equations import INLINED, KERNEL, PART, STATE, Scheme, Work, state_derivative, workspace
+from pymc_ship.physics.motion.equations import (
+    INLINED,
+    KERNEL,
+    LINKED,
+    PART,
+    STATE,
+    Scheme,
+    Work,
+    state_derivative,
+    workspace,
+)
 from pymc_ship.physics.vessel.vessel import Vessel
 
 METHODS = ("euler", "rk4")  # integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta
@@ -129,15 +139,15 @@ def mark_divergence(state: np.ndarray, hull: np.record, step: int, diverged: np.
             if not in_range(state, hull, lane):
                 if diverged[lane] < 0:
                     diverged[lane] = step
-                state[:, lane] = 0.0
-                state[0, lane] = hull.nominal_speed
+                for row in range(state.shape[0]):
+                    state[row, lane] = hull.nominal_speed if row == 0 else 0.0
     running = 0
     for lane in range(n_lanes):
         running += diverged[lane] < 0
     return running
 
 
-@njit(**INLINED)
+@njit(**LINKED)
 def advance_along(
     lanes: Lanes, inputs: np.ndarray, following: np.ndarray, theta: np.ndarray, scheme: Scheme, steps: Integration
 ) -> None:
