@@ -1,6 +1,5 @@
 import argparse
 import inspect
-import re
 import shlex
 import subprocess
 import sys
@@ -14,7 +13,7 @@ import pymc_ship as ps
 from pymc_ship.cli import commands, ship_commands, words
 from pymc_ship.cli import parser as command_parser
 from pymc_ship.cli.main import main
-from pymc_ship.cli.parser import parser
+from pymc_ship.cli.parser import LONGEST, parser, sentence
 from pymc_ship.inference.regression import cross_validation
 from pymc_ship.inference.regression import identify as identification
 from pymc_ship.inference.regression.families import FAMILIES
@@ -86,11 +85,9 @@ def subparsers():
 
 
 def source_of(name):
-    """Source of a command, with that of the functions of ship_commands that it calls."""
-    text = inspect.getsource(getattr(commands, name.replace("-", "_")))
-    called = re.findall(r"import (.+)", "\n".join(re.findall(r"from pymc_ship.cli.ship_commands .+", text)))
-    names = [word.split(" as ")[0].strip() for line in called for word in line.split(",")]
-    return text + "".join(inspect.getsource(getattr(ship_commands, word)) for word in names)
+    """Source of a command."""
+    function = name.replace("-", "_")
+    return inspect.getsource(getattr(ship_commands if hasattr(ship_commands, function) else commands, function))
 
 
 def test_choices_are_those_of_the_api():
@@ -134,3 +131,29 @@ def test_the_default_interval_of_rows_is_a_multiple_of_the_sampling_interval(con
     args = parser().parse_args(["regress", "trial.csv", "--vessel", "container", "--out", "out", *words])
     trial = ps.simulate(container, ps.zigzag(20.0, 20.0), duration=60.0, step=0.1, record_interval=0.3)
     assert commands._row_interval(trial, args) == (interval and pytest.approx(interval))
+
+
+def test_a_short_sentence_is_one_line():
+    assert sentence("Two lines\n  of a\tlibrary") == "pymc-ship: Two lines of a library."
+    assert sentence("It ends.") == "pymc-ship: It ends."
+    assert sentence("odd \x1b[31m\x00") == "pymc-ship: odd ?[31m?."
+
+
+def test_a_long_sentence_keeps_its_begin_and_its_end():
+    said = sentence(f"begin {'x' * 5000} end")
+    assert len(said) == LONGEST
+    assert said.startswith("pymc-ship: begin xxx")
+    assert " ... xxx" in said
+    assert said.endswith("xxx end.")
+    whole = sentence("y" * (LONGEST - 12))
+    assert len(whole) == LONGEST
+    assert " ... " not in whole
+
+
+def test_every_refusal_has_a_readable_length(capsys):
+    assert main(["simulate", "x" * 3000, "--turn", "35", "--out", "o"]) == 2
+    with pytest.raises(SystemExit):
+        main(["simulate", "container", "--turn", "7" * 3000 + "x"])
+    refusals = [line for line in capsys.readouterr().err.splitlines() if line.startswith("pymc-ship: ")]
+    assert len(refusals) == 2
+    assert max(map(len, refusals)) == LONGEST

@@ -1,8 +1,7 @@
 """The command line `pymc-ship`: arguments in, text out.
 
 - `main`: entry point; errors, interrupts, progress.
-- `parser`: commands, options and worked examples.
-- `sentences`: the error line.
+- `parser`: commands, options and the error line.
 - `examples`: examples of each command.
 - `words`: values of arguments, checked.
 - `files`: trials, vessels and manoeuvres that a command names; files that it writes.

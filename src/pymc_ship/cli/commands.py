@@ -36,7 +36,6 @@ from pymc_ship.cli.texts import (
     coefficient_rows,
     coefficient_table,
     criteria_table,
-    divergence,
     index_table,
     montecarlo_text,
     table,
@@ -78,7 +77,8 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     out = output_file(args.out)
     progress(f"simulating the {manoeuvre.label}")
     run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
-    text = [divergence(run)] if run["diverged"] else []
+    diverged = f"The run diverged at t = {float(run['diverged_at']):g} s; the trial ends there."
+    text = [diverged] if run["diverged"] else []
     if manoeuvre.traits.indices:
         indices = ps.indices(run)
         text += [index_table(indices, {"value": indices}), criteria_table(imo_criteria(indices, vessel))]
@@ -225,41 +225,6 @@ def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     return tuning_text(tuned), out
 
 
-def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Identify a ship, see :func:`pymc_ship.cli.ship_commands.identify`."""
-    from pymc_ship.cli.ship_commands import identify as identified
-
-    return identified(args, progress)
-
-
-def score(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Score a ship, see :func:`pymc_ship.cli.ship_commands.score`."""
-    from pymc_ship.cli.ship_commands import score as scored
-
-    return scored(args, progress)
-
-
-def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report on a sea trial, see :func:`pymc_ship.cli.ship_commands.trial_report`."""
-    from pymc_ship.cli.ship_commands import trial_report as reported
-
-    return reported(args, progress)
-
-
-def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Forecast manoeuvres, see :func:`pymc_ship.cli.ship_commands.forecast`."""
-    from pymc_ship.cli.ship_commands import forecast as forecasted
-
-    return forecasted(args, progress)
-
-
-def design(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Design the next runs, see :func:`pymc_ship.cli.ship_commands.design`."""
-    from pymc_ship.cli.ship_commands import design as designed
-
-    return designed(args, progress)
-
-
 def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run a Monte-Carlo study; the text has its main table."""
     from pymc_ship.experiments.run import read_study, reported_montecarlo
@@ -285,8 +250,8 @@ def report(args: argparse.Namespace, progress: Progress) -> Outcome:
     check_posteriors(trees, vessel)
     out, compared = writable_folder(args.out), comparisons(trees)
     page = write_diagnostics(compared, out, vessel, seed=args.seed, progress=progress)
-    said = ["\n".join([one.name, *posterior_kind(one.posterior).verdict(one)]) for one in compared]
-    return "\n\n".join(said), page, failure_sentence(compared)
+    verdicts = ["\n".join([one.name, *posterior_kind(one.posterior).verdict(one)]) for one in compared]
+    return "\n\n".join(verdicts), page, failure_sentence(compared)
 
 
 def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:

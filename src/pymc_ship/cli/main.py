@@ -15,10 +15,10 @@ import warnings
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pymc_ship.cli.parser import parser
-from pymc_ship.cli.sentences import sentence
+from pymc_ship.cli.parser import parser, sentence
 from pymc_ship.cli.words import expand_patterns
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.memory import address_space
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 _ADDRESS_SPACE = 4_000_000_000
 """Smallest address space [bytes] in which the numerical libraries do not abort."""
 
+_SHIP_COMMANDS = ("identify", "forecast", "score", "trial-report", "design")
+
 _MACHINE = {
     "no locator available": "The cache of compiled functions needs a writable folder, found none; set "
     "NUMBA_CACHE_DIR to one.",
@@ -38,20 +40,10 @@ _MACHINE = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command.
+    """Run a command and return its exit status.
 
-    SystemExit with status 2 for arguments that cannot be parsed, 0 after ``--help`` and ``--version``.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status: 0, 2 if the command cannot run, 3 if a check fails, 4 if ``check`` corrects or doubts the record,
-        130 after an interrupt.
+    ``argv`` are by default the arguments of the process. SystemExit with status 2 for arguments that cannot be parsed,
+    0 after ``--help`` and ``--version``.
     """
     return run_command(parser(), _command, argv)
 
@@ -96,9 +88,8 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
 
 def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:
     """Run the function of a command."""
-    from pymc_ship.cli import commands
-
-    return getattr(commands, args.command.replace("-", "_"))(args, progress)
+    room = import_module(f"pymc_ship.cli.{'ship_commands' if args.command in _SHIP_COMMANDS else 'commands'}")
+    return getattr(room, args.command.replace("-", "_"))(args, progress)
 
 
 def _replace_unencodable() -> None:

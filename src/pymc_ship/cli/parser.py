@@ -6,11 +6,11 @@ Choices are copies of those of the API, compared by a test, so that ``--help`` i
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from pymc_ship import __version__
-from pymc_ship.cli import examples
-from pymc_ship.cli.sentences import sentence
+from pymc_ship.cli.examples import EXAMPLES
 from pymc_ship.cli.words import INSTRUMENTS, angles, draws, flow, interval, names, noise, seed
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.trial.channels import default_channels
@@ -32,18 +32,34 @@ SHIP_PRIORS = ("hull_database", "order_damped", "sister_ship")
 NOISE_MODELS = ("auto", "white", "ar1", "student_t")
 
 
+LONGEST = 600
+"""Largest number of characters of an error line."""
+
+_END = 200  # of them, the last part of a long text
+
+
+def sentence(text: str) -> str:
+    """One printable line with a full stop; a long text loses its middle, since its end has the remedy."""
+    line = "".join(character if character.isprintable() else "?" for character in " ".join(text.split()))
+    line = f"pymc-ship: {line.removesuffix('.')}."
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - _END - 5]} ... {line[-_END:]}"
+
+
 class Parser(argparse.ArgumentParser):
-    """Parser with errors of one sentence."""
+    """Parser with errors of one sentence, and defaults at the end of the help."""
+
+    def add(self, name: str, text: str, default: Any = None, **settings: Any) -> None:
+        """Add an argument with a help text, to which a default is appended."""
+        if default not in (None, [], False):
+            text = f"{text} (%(default)s)"
+        self.add_argument(name, help=text, default=default, **settings)
 
     def error(self, message: str) -> NoReturn:
         """Exit with status 2 and one sentence."""
         self.exit(2, f"{sentence(f'{message}; see {self.prog} --help')}\n")
 
 
-type Commands = argparse._SubParsersAction[Parser]
-
-
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """Parser of the whole command line."""
     words = Parser(
         prog="pymc-ship",
@@ -52,79 +68,35 @@ def parser() -> argparse.ArgumentParser:
     )
     words.add_argument("--version", action="version", version=f"pymc-ship {__version__}")
     commands = words.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for add in (
-        _add_study,
-        _add_simulate,
-        _add_check,
-        _add_denoise,
-        _add_identify,
-        _add_regress,
-        _add_fit,
-        _add_tune,
-        _add_forecast,
-        _add_score,
-        _add_trial_report,
-        _add_design,
-        _add_montecarlo,
-        _add_report,
-    ):
-        add(commands)
+    for name, (description, add_options) in _COMMANDS.items():
+        settings = {"help": description, "description": description, "epilog": EXAMPLES[name]}
+        command = commands.add_parser(name, formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        if name not in _WITHOUT_SEED:
+            command.add("--seed", "seed of the random numbers, recorded in the output", 2020, type=seed)
+        command.add("--quiet", "print results and errors only", False, action="store_true")
+        add_options(command)
     return words
 
 
-def _command(
-    commands: Commands,
-    name: str,
-    description: str,
-    epilog: str,
-    *,
-    seeded: bool = True,
-) -> argparse.ArgumentParser:
-    """Parser of a command with the common options; ``seeded``: the command draws random numbers."""
-    formatter = argparse.RawDescriptionHelpFormatter
-    command = commands.add_parser(
-        name, help=description, description=description, epilog=epilog, formatter_class=formatter
-    )
-    if seeded:
-        command.add_argument(
-            "--seed", type=seed, default=2020, help="seed of the random numbers, recorded in the output (%(default)s)"
-        )
-    command.add_argument("--quiet", action="store_true", help="print results and errors only")
-    return command
+def _study(command: Parser) -> None:
+    command.add("--vessel", "shipped vessel or TOML file", "container")
+    command.add("--level", "noise level of the detailed figures: sd over peak", 0.01, type=float)
+    command.add("--out", "folder of the report (reports/<vessel>)")
 
 
-def _add_study(commands: Commands) -> None:
-    command = _command(commands, "study", "run the study of the paper and write its report", examples.STUDY)
-    command.add_argument("--vessel", default="container", help="shipped vessel or TOML file (%(default)s)")
-    command.add_argument(
-        "--level", type=float, default=0.01, help="noise level of the detailed figures: sd over peak (%(default)s)"
-    )
-    command.add_argument("--out", help="folder of the report (reports/<vessel>)")
-
-
-def _add_simulate(commands: Commands) -> None:
-    command = _command(commands, "simulate", "simulate a trial and print its manoeuvring indices", examples.SIMULATE)
-    command.add_argument("vessel", metavar="VESSEL", help="shipped vessel or TOML file")
+def _simulate(command: Parser) -> None:
+    command.add("vessel", "shipped vessel or TOML file", metavar="VESSEL")
     manoeuvre = command.add_mutually_exclusive_group(required=True)
     _add_manoeuvres(manoeuvre, "{0.title} [deg], such as {0.example}")
     manoeuvre.add_argument("--programme", metavar="FILE", help="rudder programme: CSV with the header time,delta_deg")
-    command.add_argument("--side", choices=SIDES, help="first side of a zigzag, or side of a turning circle (port)")
-    command.add_argument("--speed", type=float, help="approach speed [m/s] (the vessel's nominal speed)")
-    command.add_argument("--duration", type=float, default=400.0, help="duration [s] (%(default)s)")
-    command.add_argument("--step", type=float, default=0.02, help="step [s] (%(default)s)")
-    command.add_argument(
-        "--method",
-        choices=INTEGRATORS,
-        default="euler",
-        help="integrator; dop853 controls its error (%(default)s)",
-    )
-    command.add_argument(
-        "--noise",
-        type=noise,
-        help="noise level: sd over peak of sway, 0.3 of it for other channels, or `literal`; or instruments: "
-        f"{', '.join(INSTRUMENTS)} (none)",
-    )
-    command.add_argument("--out", required=True, help="CSV file of the trial")
+    command.add("--side", "first side of a zigzag, or side of a turning circle (port)", choices=SIDES)
+    command.add("--speed", "approach speed [m/s] (the vessel's nominal speed)", type=float)
+    command.add("--duration", "duration [s]", 400.0, type=float)
+    command.add("--step", "step [s]", 0.02, type=float)
+    command.add("--method", "integrator; dop853 controls its error", "euler", choices=INTEGRATORS)
+    levels = "noise level: sd over peak of sway, 0.3 of it for other channels, or `literal`"
+    command.add("--noise", f"{levels}; or instruments: {', '.join(INSTRUMENTS)} (none)", type=noise)
+    command.add("--out", "CSV file of the trial", required=True)
 
 
 def _add_manoeuvres(command: argparse._ActionsContainer, text: str, **settings: Any) -> None:
@@ -135,269 +107,191 @@ def _add_manoeuvres(command: argparse._ActionsContainer, text: str, **settings: 
             command.add_argument(f"--{kind.option}", **settings)
 
 
-def _add_check(commands: Commands) -> None:
-    command = _command(commands, "check", "check and correct a trial before a fit", examples.CHECK, seeded=False)
+def _check(command: Parser) -> None:
     _add_trial(command)
-    command.add_argument("--vessel", help="shipped vessel or TOML file (none)")
-    command.add_argument("--out", help="CSV file of the corrected trial (not written)")
+    command.add("--vessel", "shipped vessel or TOML file (none)")
+    command.add("--out", "CSV file of the corrected trial (not written)")
 
 
-def _add_denoise(commands: Commands) -> None:
-    command = _command(commands, "denoise", "denoise the motion channels of a trial", examples.DENOISE, seeded=False)
+def _denoise(command: Parser) -> None:
     _add_trial(command)
-    command.add_argument(
-        "--method",
-        choices=DENOISE_METHODS,
-        default="wavelet",
-        help="smoother (%(default)s)",
-    )
-    command.add_argument("--wavelet", default="sym8", help="orthogonal wavelet of PyWavelets (%(default)s)")
-    command.add_argument(
-        "--prior", choices=DENOISE_PRIORS, default="laplace", help="prior of the detail coefficients (%(default)s)"
-    )
-    command.add_argument("--decimated", action="store_true", help="decimated transform, without average over shifts")
-    command.add_argument("--out", required=True, help="CSV file of the denoised trial")
+    command.add("--method", "smoother", "wavelet", choices=DENOISE_METHODS)
+    command.add("--wavelet", "orthogonal wavelet of PyWavelets", "sym8")
+    command.add("--prior", "prior of the detail coefficients", "laplace", choices=DENOISE_PRIORS)
+    command.add("--decimated", "decimated transform, without average over shifts", False, action="store_true")
+    command.add("--out", "CSV file of the denoised trial", required=True)
 
 
-def _add_trial(command: argparse.ArgumentParser, name: str = "trial", **settings: Any) -> None:
+def _add_trial(command: Parser, name: str = "trial", **settings: Any) -> None:
     """Trial files and their format file."""
-    command.add_argument(
-        name,
-        metavar="TRIAL",
-        help="text file or .gz with time [s], u v [m/s], r p [rad/s], phi psi delta [rad]",
-        **settings,
-    )
-    command.add_argument(
-        "--format", metavar="FILE.toml", help="format file of TRIAL: columns, units, signs, frame, scale"
-    )
+    channels = "time [s], u v [m/s], r p [rad/s], phi psi delta [rad]"
+    command.add(name, f"text file or .gz with {channels}", metavar="TRIAL", **settings)
+    _add_format(command)
 
 
-def _add_overrule(command: argparse._ActionsContainer) -> None:
+def _add_format(command: Parser) -> None:
+    command.add("--format", "format file of TRIAL: columns, units, signs, frame, scale", metavar="FILE.toml")
+
+
+def _add_overrule(command: Parser) -> None:
     """Option of the commands that fit or score trials."""
-    command.add_argument(
-        "--overrule",
-        action="append",
-        default=[],
-        metavar="CHECK",
-        help="use a TRIAL with this bad check, such as `rudder sign`; repeatable (none)",
-    )
+    text = "use a TRIAL with this bad check, such as `rudder sign`; repeatable (none)"
+    command.add("--overrule", text, [], action="append", metavar="CHECK")
 
 
-def _add_regression(command: argparse.ArgumentParser) -> None:
+def _add_regression(command: Parser) -> None:
     """Options of regression data."""
     _add_trial(command)
     _add_overrule(command)
-    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
-    command.add_argument("--raw", action="store_true", help="do not denoise the trial")
-    command.add_argument(
-        "--interval",
-        type=interval,
-        default="auto",
-        help="interval of the rows [s], `all` or `auto` (%(default)s): about 1 s, in the weak form 0.22 L/U",
-    )
-    command.add_argument(
-        "--derivative",
-        choices=DERIVATIVES,
-        default="euler",
-        help="derivative for the accelerations, or the weak form without derivative and denoising (%(default)s)",
-    )
+    command.add("--vessel", "shipped vessel or TOML file: particulars and terms", required=True)
+    command.add("--raw", "do not denoise the trial", False, action="store_true")
+    text = "interval of the rows [s], `all` or `auto` (%(default)s): about 1 s, in the weak form 0.22 L/U"
+    command.add_argument("--interval", type=interval, default="auto", help=text)
+    text = "derivative for the accelerations, or the weak form without derivative and denoising"
+    command.add("--derivative", text, "euler", choices=DERIVATIVES)
 
 
-def _add_regress(commands: Commands) -> None:
-    command = _command(commands, "regress", "estimate coefficients by regression of accelerations", examples.REGRESS)
+def _add_draws(command: Parser, default: int = 1000) -> None:
+    command.add("--draws", "posterior draws, a multiple of 4", default, type=draws)
+
+
+def _regress(command: Parser) -> None:
     _add_regression(command)
-    command.add_argument("--family", choices=(*FAMILIES, "both"), default="both", help="prior family (%(default)s)")
-    command.add_argument(
-        "--select", choices=SELECTIONS, default="evidence", help="selection of the hyperparameters (%(default)s)"
-    )
-    command.add_argument("--draws", type=draws, default=4000, help="posterior draws, a multiple of 4 (%(default)s)")
-    command.add_argument("--out", required=True, help="folder of <dof>-<family>.nc and coefficients.csv")
+    command.add("--family", "prior family", "both", choices=(*FAMILIES, "both"))
+    command.add("--select", "selection of the hyperparameters", "evidence", choices=SELECTIONS)
+    _add_draws(command, 4000)
+    command.add("--out", "folder of <dof>-<family>.nc and coefficients.csv", required=True)
 
 
-def _add_identify(commands: Commands) -> None:
-    command = _command(commands, "identify", "identify a ship from its trials and write a report", examples.IDENTIFY)
+def _identify(command: Parser) -> None:
     _add_trial(command, "trials", nargs="+")
     _add_overrule(command)
-    command.add_argument(
-        "--facility",
-        action="append",
-        nargs="+",
-        default=[],
-        metavar=("FILE.toml", "TRIAL"),
-        help="runs of another basin: its format file, then the trials; repeatable",
-    )
-    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars, propeller if known")
-    command.add_argument(
-        "--terms",
-        action="append",
-        metavar="SET",
-        help="term set, or `own terms` of the vessel file; repeatable (all that suit the vessel)",
-    )
-    command.add_argument(
-        "--prior",
-        metavar="KIND",
-        help=f"prior: {', '.join(SHIP_PRIORS)}; or the folder of an earlier report, whose likelihood is added "
-        "(hull_database with a draught d in the vessel file, otherwise order_damped)",
-    )
-    command.add_argument(
-        "--captive",
-        metavar="FILE",
-        help="captive tests: speed, beta, r, delta, n and prime forces X', Y', N' (none)",
-    )
-    command.add_argument(
-        "--captive-format", metavar="FILE.toml", help="format file of --captive: signs, reference point, area, scale"
-    )
-    command.add_argument("--draws", type=draws, default=1000, help="posterior draws, a multiple of 4 (%(default)s)")
-    command.add_argument("--out", required=True, help="folder of the report, which `forecast` takes")
+    text = "runs of another basin: its format file, then the trials; repeatable"
+    command.add("--facility", text, [], action="append", nargs="+", metavar=("FILE.toml", "TRIAL"))
+    command.add("--vessel", "shipped vessel or TOML file: particulars, propeller if known", required=True)
+    text = "term set, or `own terms` of the vessel file; repeatable (all that suit the vessel)"
+    command.add("--terms", text, action="append", metavar="SET")
+    text = f"prior: {', '.join(SHIP_PRIORS)}; or the folder of an earlier report, whose likelihood is added "
+    text += "(hull_database with a draught d in the vessel file, otherwise order_damped)"
+    command.add("--prior", text, metavar="KIND")
+    text = "captive tests: speed, beta, r, delta, n and prime forces X', Y', N' (none)"
+    command.add("--captive", text, metavar="FILE")
+    text = "format file of --captive: signs, reference point, area, scale"
+    command.add("--captive-format", text, metavar="FILE.toml")
+    _add_draws(command)
+    command.add("--out", "folder of the report, which `forecast` takes", required=True)
 
 
-def _add_fit(commands: Commands) -> None:
-    command = _command(commands, "fit", "estimate coefficients by a fit of simulated trajectories", examples.FIT)
+def _fit(command: Parser) -> None:
     _add_trial(command, "trials", nargs="+")
     _add_overrule(command)
-    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
-    command.add_argument(
-        "--prior",
-        choices=TRAJECTORY_PRIORS,
-        default="order_damped",
-        help="prior of the coefficients (%(default)s)",
-    )
-    command.add_argument(
-        "--channels",
-        type=names,
-        metavar="NAME,...",
-        help=f"channels to fit (the recorded ones of {', '.join(default_channels())})",
-    )
-    command.add_argument(
-        "--noise-model",
-        choices=NOISE_MODELS,
-        default="auto",
-        help="noise model; auto tests the residuals (%(default)s)",
-    )
-    command.add_argument(
-        "--offsets", choices=("auto", "yes", "no"), default="auto", help="constant sensor offsets (%(default)s)"
-    )
-    command.add_argument("--method", choices=METHODS, default="rk4", help="integrator (%(default)s)")
-    command.add_argument("--draws", type=draws, default=1000, help="posterior draws, a multiple of 4 (%(default)s)")
-    command.add_argument("--out", required=True, help="folder of trajectory.nc and coefficients.csv")
+    command.add("--vessel", "shipped vessel or TOML file: particulars and terms", required=True)
+    command.add("--prior", "prior of the coefficients", "order_damped", choices=TRAJECTORY_PRIORS)
+    text = f"channels to fit (the recorded ones of {', '.join(default_channels())})"
+    command.add("--channels", text, type=names, metavar="NAME,...")
+    command.add("--noise-model", "noise model; auto tests the residuals", "auto", choices=NOISE_MODELS)
+    command.add("--offsets", "constant sensor offsets", "auto", choices=("auto", "yes", "no"))
+    command.add("--method", "integrator", "rk4", choices=METHODS)
+    _add_draws(command)
+    command.add("--out", "folder of trajectory.nc and coefficients.csv", required=True)
 
 
-def _add_tune(commands: Commands) -> None:
-    command = _command(commands, "tune", "choose hyperparameters of a prior by Bayesian optimisation", examples.TUNE)
+def _tune(command: Parser) -> None:
     _add_regression(command)
-    command.add_argument("--dof", choices=DOFS, required=True, help="degree of freedom")
-    command.add_argument("--family", choices=FAMILIES, required=True, help="prior family")
-    command.add_argument("--evaluations", type=int, default=40, help="number of evaluated priors (%(default)s)")
-    command.add_argument("--folds", type=int, default=5, help="folds of the cross-validation (%(default)s)")
-    command.add_argument("--split", choices=SPLITS, default="blocks", help="assignment of rows to folds (%(default)s)")
-    command.add_argument("--out", help="JSON file of the chosen prior (not written)")
+    command.add("--dof", "degree of freedom", choices=DOFS, required=True)
+    command.add("--family", "prior family", choices=FAMILIES, required=True)
+    command.add("--evaluations", "number of evaluated priors", 40, type=int)
+    command.add("--folds", "folds of the cross-validation", 5, type=int)
+    command.add("--split", "assignment of rows to folds", "blocks", choices=SPLITS)
+    command.add("--out", "JSON file of the chosen prior (not written)")
 
 
-def _add_source(command: argparse.ArgumentParser) -> None:
+def _add_source(command: Parser) -> None:
     """Options of the ship: an identified one, or that of a posterior."""
-    command.add_argument(
-        "posterior",
-        metavar="POSTERIOR",
-        help="folder that `identify` or `regress` wrote, or a joint posterior, .nc or .zarr",
-    )
-    command.add_argument(
-        "--vessel",
-        help="shipped vessel or TOML file, needed for a posterior (the identified vessel)",
-    )
-    command.add_argument(
-        "--family", choices=FAMILIES, default="conjugate", help="prior family, for a folder of `regress` (%(default)s)"
-    )
+    text = "folder that `identify` or `regress` wrote, or a joint posterior, .nc or .zarr"
+    command.add("posterior", text, metavar="POSTERIOR")
+    command.add("--vessel", "shipped vessel or TOML file, needed for a posterior (the identified vessel)")
+    command.add("--family", "prior family, for a folder of `regress`", "conjugate", choices=FAMILIES)
 
 
-def _add_forecast(commands: Commands) -> None:
-    command = _command(commands, "forecast", "forecast manoeuvres of a ship with probability bands", examples.FORECAST)
+def _forecast(command: Parser) -> None:
     _add_source(command)
     _add_manoeuvres(command, "{0.words} [deg]; repeatable", action="append", default=[])
-    command.add_argument(
-        "--measured",
-        action="append",
-        default=[],
-        metavar="TRIAL",
-        help="trial to compare with the forecast of its manoeuvre; repeatable",
-    )
-    command.add_argument(
-        "--format", metavar="FILE.toml", help="format file of TRIAL: columns, units, signs, frame, scale"
-    )
+    text = "trial to compare with the forecast of its manoeuvre; repeatable"
+    command.add("--measured", text, [], action="append", metavar="TRIAL")
+    _add_format(command)
     _add_overrule(command)
-    command.add_argument("--spiral", action="store_true", help="forecast steady turns and course stability")
-    command.add_argument(
-        "--stop",
-        type=float,
-        metavar="RPS",
-        help="forecast a stopping test with these astern revolutions [1/s] (none)",
-    )
-    command.add_argument("--draws", type=int, help="largest number of simulated draws (1000, for a posterior 300)")
-    command.add_argument("--duration", type=float, help="duration [s] (40 L/U, for a posterior 400)")
-    command.add_argument("--n", type=float, help="propeller revolutions [1/s] (those of the approach)")
-    command.add_argument("--wind", type=flow, metavar="SPEED/FROM", help="true wind [m/s, deg, from] (none)")
-    command.add_argument("--current", type=flow, metavar="SPEED/TO", help="current [m/s, deg, to] (none)")
-    command.add_argument(
-        "--facility",
-        metavar="NAME",
-        help="facility of the steering gear and approach speed (that of most runs)",
-    )
-    command.add_argument("--side", choices=SIDES, help="first side (both, for a posterior port)")
-    command.add_argument("--out", help="folder of the page (folder of the posterior)")
+    command.add("--spiral", "forecast steady turns and course stability", False, action="store_true")
+    text = "forecast a stopping test with these astern revolutions [1/s] (none)"
+    command.add("--stop", text, type=float, metavar="RPS")
+    command.add("--draws", "largest number of simulated draws (1000, for a posterior 300)", type=int)
+    command.add("--duration", "duration [s] (40 L/U, for a posterior 400)", type=float)
+    command.add("--n", "propeller revolutions [1/s] (those of the approach)", type=float)
+    command.add("--wind", "true wind [m/s, deg, from] (none)", type=flow, metavar="SPEED/FROM")
+    command.add("--current", "current [m/s, deg, to] (none)", type=flow, metavar="SPEED/TO")
+    command.add("--facility", "facility of the steering gear and approach speed (that of most runs)", metavar="NAME")
+    command.add("--side", "first side (both, for a posterior port)", choices=SIDES)
+    command.add("--out", "folder of the page (folder of the posterior)")
 
 
-def _add_score(commands: Commands) -> None:
-    command = _command(commands, "score", "score open-loop simulations of windows of recorded trials", examples.SCORE)
-    command.add_argument("ship", metavar="SHIP", help="folder that `identify` wrote, shipped vessel or TOML file")
+def _score(command: Parser) -> None:
+    command.add("ship", "folder that `identify` wrote, shipped vessel or TOML file", metavar="SHIP")
     _add_trial(command, "trials", nargs="+")
     _add_overrule(command)
-    command.add_argument("--length", type=float, help="length of a window [s] (5 L/U)")
-    command.add_argument("--every", type=float, help="interval between the starts of windows [s] (their length)")
-    command.add_argument("--draws", type=int, default=100, help="largest number of simulated draws (%(default)s)")
-    command.add_argument("--out", help="folder of the page (none)")
+    command.add("--length", "length of a window [s] (5 L/U)", type=float)
+    command.add("--every", "interval between the starts of windows [s] (their length)", type=float)
+    command.add("--draws", "largest number of simulated draws", 100, type=int)
+    command.add("--out", "folder of the page (none)")
 
 
-def _add_trial_report(commands: Commands) -> None:
-    description = "report on a sea trial in the form of IMO MSC/Circ.1053"
-    command = _command(commands, "trial-report", description, examples.TRIAL_REPORT)
+def _trial_report(command: Parser) -> None:
     _add_trial(command, "trials", nargs="+")
     _add_overrule(command)
-    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file, in the condition of the trial")
-    command.add_argument("--conditions", metavar="FILE.toml", help="conditions of the trial: depth, draughts, wind")
-    command.add_argument(
-        "--ship", metavar="REPORT", help="folder that `identify` wrote, for corrections of wind and loading (none)"
-    )
-    command.add_argument(
-        "--full-load",
-        metavar="VESSEL",
-        help="TOML file of the ship at full load (none)",
-    )
-    command.add_argument("--out", required=True, help="folder of the page")
+    command.add("--vessel", "shipped vessel or TOML file, in the condition of the trial", required=True)
+    command.add("--conditions", "conditions of the trial: depth, draughts, wind", metavar="FILE.toml")
+    text = "folder that `identify` wrote, for corrections of wind and loading (none)"
+    command.add("--ship", text, metavar="REPORT")
+    command.add("--full-load", "TOML file of the ship at full load (none)", metavar="VESSEL")
+    command.add("--out", "folder of the page", required=True)
 
 
-def _add_design(commands: Commands) -> None:
-    command = _command(
-        commands, "design", "choose the next trial runs that narrow the forecast intervals most", examples.DESIGN
-    )
+def _design(command: Parser) -> None:
     _add_source(command)
-    command.add_argument("--n", type=int, default=2, help="number of runs to choose (%(default)s)")
-    command.add_argument("--sea-room", type=float, metavar="M", help="largest extent of the track of a run [m] (any)")
-    command.add_argument(
-        "--wind", type=flow, metavar="SPEED/FROM", help="true wind [m/s, deg from the approach course] (none)"
-    )
-    command.add_argument("--out", required=True, help="folder of the tables")
+    command.add("--n", "number of runs to choose", 2, type=int)
+    command.add("--sea-room", "largest extent of the track of a run [m] (any)", type=float, metavar="M")
+    command.add("--wind", "true wind [m/s, deg from the approach course] (none)", type=flow, metavar="SPEED/FROM")
+    command.add("--out", "folder of the tables", required=True)
 
 
-def _add_montecarlo(commands: Commands) -> None:
-    description = "run or continue a Monte-Carlo study, such as a grid of experiments"
-    command = _command(commands, "montecarlo", description, examples.MONTECARLO, seeded=False)
-    command.add_argument("study", metavar="STUDY.toml", help="study file: a grid or a population")
-    command.add_argument("--workers", type=int, help="number of processes (one for each core)")
-    command.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers to use")
-    command.add_argument("--out", required=True, help="folder of the results and the page")
+def _montecarlo(command: Parser) -> None:
+    command.add("study", "study file: a grid or a population", metavar="STUDY.toml")
+    command.add("--workers", "number of processes (one for each core)", type=int)
+    command.add("--scheduler", "Dask scheduler whose workers to use", metavar="ADDRESS")
+    command.add("--out", "folder of the results and the page", required=True)
 
 
-def _add_report(commands: Commands) -> None:
-    command = _command(commands, "report", "write a diagnostic report of saved posteriors", examples.REPORT)
-    command.add_argument("posteriors", metavar="POSTERIOR", nargs="+", help="posterior file, .nc or .zarr")
-    command.add_argument("--vessel", help="shipped vessel or TOML file: reference and published values (none)")
-    command.add_argument("--out", default="reports/diagnostics", help="folder of diagnostics.html (%(default)s)")
+def _report(command: Parser) -> None:
+    command.add("posteriors", "posterior file, .nc or .zarr", metavar="POSTERIOR", nargs="+")
+    command.add("--vessel", "shipped vessel or TOML file: reference and published values (none)")
+    command.add("--out", "folder of diagnostics.html", "reports/diagnostics")
+
+
+_COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
+    "study": ("run the study of the paper and write its report", _study),
+    "simulate": ("simulate a trial and print its manoeuvring indices", _simulate),
+    "check": ("check and correct a trial before a fit", _check),
+    "denoise": ("denoise the motion channels of a trial", _denoise),
+    "identify": ("identify a ship from its trials and write a report", _identify),
+    "regress": ("estimate coefficients by regression of accelerations", _regress),
+    "fit": ("estimate coefficients by a fit of simulated trajectories", _fit),
+    "tune": ("choose hyperparameters of a prior by Bayesian optimisation", _tune),
+    "forecast": ("forecast manoeuvres of a ship with probability bands", _forecast),
+    "score": ("score open-loop simulations of windows of recorded trials", _score),
+    "trial-report": ("report on a sea trial in the form of IMO MSC/Circ.1053", _trial_report),
+    "design": ("choose the next trial runs that narrow the forecast intervals most", _design),
+    "montecarlo": ("run or continue a Monte-Carlo study, such as a grid of experiments", _montecarlo),
+    "report": ("write a diagnostic report of saved posteriors", _report),
+}
+"""Description of each command, and the function that adds its options."""
+
+_WITHOUT_SEED = ("check", "denoise", "montecarlo")  # commands that draw no random numbers

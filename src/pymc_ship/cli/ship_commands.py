@@ -27,11 +27,9 @@ from pymc_ship.cli.texts import (
     design_text,
     forecast_text,
     form_text,
-    held_out_text,
     index_text,
     score_text,
     term_set_text,
-    verdict_text,
 )
 from pymc_ship.inference.regression.tree import FILES, read_posterior
 from pymc_ship.machine.errors import SimulationError
@@ -66,13 +64,8 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     captive = ps.read_captive(args.captive, vessel, format=args.captive_format) if args.captive else None
     trials, checks = checked_trials(files, vessel, args, progress, any_speed=any_speed)
     out, rng = writable_folder(args.out), np.random.default_rng(args.seed)
-    settings = {
-        "captive": captive,
-        "names": list(trials),
-        "terms": args.terms,
-        "prior": args.prior if args.prior in (None, *SHIP_PRIORS) else load_ship(args.prior),
-        "draws": args.draws,
-    }
+    prior = args.prior if args.prior in (None, *SHIP_PRIORS) else load_ship(args.prior)
+    settings = {"captive": captive, "names": list(trials), "terms": args.terms, "prior": prior, "draws": args.draws}
     try:
         identification = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
     except FitError as error:
@@ -83,26 +76,17 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("forecasting standard manoeuvres and choosing the next run")
     summary = manoeuvring_summary(identification.ship, rng)
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
-    made |= {
-        "forecasts": summary.forecasts,
-        "summary": summary.sentences,
-        "captive": captive_comparison(identification, rng),
-    }
+    made |= {"forecasts": summary.forecasts, "summary": summary.sentences}
+    made["captive"] = captive_comparison(identification, rng)
+    record = {"runs": identification.names, "quality_flags": identification.quality_flags}
     with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
-        save_ship(
-            identification.ship,
-            folder,
-            made_by=made_by(args),
-            runs=identification.names,
-            quality_flags=identification.quality_flags,
-        )
+        save_ship(identification.ship, folder, made_by=made_by(args), **record)
         write_ship_report(identification, trials, checks, folder, **made)
     text = [
         term_set_text(identification),
-        held_out_text(identification),
-        "\n".join(summary.sentences),
-        "\n".join(identification.ship.remarks),
+        index_text(identification.held_out_indices, "Held-out runs and their forecasts"),
     ]
+    text += ["\n".join(sentences) for sentences in (summary.sentences, identification.ship.remarks)]
     return "\n\n".join(filter(None, [*text, identification.quality_flags["record_remarks"]])), out / PAGE.file
 
 
@@ -298,7 +282,9 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = {"length": args.length, "every": args.every, "draws": args.draws}
     scores = ps.score(ship, list(trials.values()), names=list(trials), **settings)
     rows = ps.score_indices(ship, list(trials.values()), names=list(trials), rng=args.seed)
-    text = "\n\n".join(filter(None, [score_text(scores), index_text(rows)]))
+    text = "\n\n".join(
+        filter(None, [score_text(scores), index_text(rows, "Indices of recorded manoeuvres", scored=True)])
+    )
     if out is None:
         return text, None
     from pymc_ship.ships.identification.score_page import write_score_page
@@ -366,7 +352,7 @@ def _text(
         forecast_text(tree, columns),
         tree.attrs["steering"],
         refused_sentence(tree),
-        verdict_text(verdicts),
+        *(f"IMO MSC.137(76): {row['verdict']}" for row in verdicts),
         tree.attrs.get("reliability", "") if verdicts else "",
     ]
     return "\n".join(filter(None, parts))

@@ -12,7 +12,6 @@ import xarray as xr
 from pymc_ship.inference.regression.tune import bound_text
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.design.outlook import sentence_without_gain
-from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import NO_ROLL, draws_and_shares, has_roll
 from pymc_ship.trial.channels import CHANNELS
@@ -117,11 +116,6 @@ def check_text(checks: Iterable[Check]) -> str:
     return "\n".join(f"{name:{width}}  {verdict:11}  {sentence}" for name, verdict, sentence in rows)
 
 
-def divergence(run: xr.Dataset) -> str:
-    """Sentence on the time of divergence of a run."""
-    return f"The run diverged at t = {float(run['diverged_at']):g} s; the trial ends there."
-
-
 def index_table(indices: xr.Dataset, columns: Mapping[str, Mapping[Any, Any]]) -> str:
     """One line for each index, one column for each data set."""
     rows = [
@@ -169,11 +163,6 @@ def forecast_text(tree: xr.DataTree, columns: Mapping[str, Mapping[Any, Any]]) -
     return "\n".join([*lines, tree.attrs["extrapolation"]])
 
 
-def verdict_text(rows: Iterable[Mapping]) -> str:
-    """One sentence for each IMO criterion that applies."""
-    return "\n".join(f"IMO MSC.137(76): {row['verdict']}" for row in rows)
-
-
 def term_set_text(identification: ShipIdentification) -> str:
     """Weight, held-out elpd and errors of every term set."""
     channels = dict.fromkeys(name for candidate in identification.candidates for name in candidate.held_out.rms)
@@ -216,40 +205,25 @@ def _unit(channel: str) -> str:
     return CHANNELS[channel].unit.name if channel in CHANNELS else "m"
 
 
-def index_text(indices: xr.Dataset) -> str:
-    """Measured indices and their forecasts; empty without indices."""
+def index_text(indices: xr.Dataset, caption: str, *, scored: bool = False) -> str:
+    """Measured indices and their forecasts, with their errors if ``scored``; empty without runs."""
     if not indices.sizes["run"]:
         return ""
     from pymc_ship.ships.identification.replay import index_errors
 
-    header = ("run", "manoeuvre", "index", "measured", "forecast", "error", "± sd", "unit", "inside 95 %")
-    keys = ("run", "manoeuvre", "index", "measured", "forecast", "error", "sd", "unit", "inside")
-    rows = [row | {"unit": _index_units(indices)[row["index"]]} for row in index_errors(indices)]
-    return table(header, [[row[key] for key in keys] for row in rows], "Indices of recorded manoeuvres")
-
-
-def _index_units(indices: xr.Dataset) -> dict[str, str]:
-    """Units by the printed name of an index."""
     names = (str(name).replace("_", " ") for name in indices["index"].values)
-    return dict(zip(names, indices["units"].values.tolist(), strict=True))
+    units = dict(zip(names, indices["units"].values.tolist(), strict=True))
+    heads = {key: key for key in ("run", "manoeuvre", "index", "measured", "forecast")}
+    heads |= {"error": "error"} if scored else {}
+    heads |= {"sd": "± sd", "unit": "unit"} | ({"inside": "inside 95 %"} if scored else {})
+    rows = [row | {"unit": units[row["index"]]} for row in index_errors(indices)]
+    return table(list(heads.values()), [[row[key] for key in heads] for row in rows], caption)
 
 
 def form_text(form: Sequence[Mapping]) -> str:
     """Manoeuvring data of a sea trial."""
     keys = ("item", "port", "starboard", "criterion", "conformity")
     return table(keys, [[row[key] for key in keys] for row in form], "Manoeuvring data, IMO MSC/Circ.1053")
-
-
-def held_out_text(identification: ShipIdentification) -> str:
-    """Indices of each held-out manoeuvre and their forecasts; empty without held-out runs."""
-    if not identification.held_out_indices.sizes["run"]:
-        return ""
-    units, rows = _index_units(identification.held_out_indices), []
-    for row in index_rows(identification.held_out_indices):
-        index = row["index"].replace("_", " ")
-        rows.append([row["run"], row["manoeuvre"], index, row["measured"], row["forecast"], row["sd"], units[index]])
-    header = ("run", "manoeuvre", "index", "measured", "forecast", "± sd", "unit")
-    return table(header, rows, "Held-out runs and their forecasts")
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence], caption: str = "") -> str:
