@@ -14,7 +14,7 @@ from pymc_ship.physics.manoeuvre.steering_record import (
     manoeuvre_rudder_angle,
     rudder_reversals,
     steering_text,
-    swings,
+    switching_headings,
     whole_heading,
 )
 from pymc_ship.records.steering.recognition import recognise
@@ -78,7 +78,7 @@ class TestByHand:
             reversals = rudder_reversals(record)
             begin = np.array([reversal.time for reversal in reversals]) - first_execute(record)
             np.testing.assert_allclose(begin - delay, orders, atol=0.6)
-            headings, middle = swings(record, reversals).switching_headings(np.array([delay]))
+            headings, middle = switching_headings(record, reversals, np.array([delay]))
             about = np.array([1.0, -1.0, 1.0, -1.0, 1.0]) * middle[0]
             np.testing.assert_allclose(headings[:, 0] + about, SCATTERED, atol=0.7)
 

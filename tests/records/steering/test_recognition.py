@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.physics.manoeuvre.steering_record import Swings, approach_speed, first_execute, rudder_reversals
+from pymc_ship.physics.manoeuvre import steering_record
+from pymc_ship.physics.manoeuvre.steering_record import approach_speed, first_execute, rudder_reversals
+from pymc_ship.records.steering import recognition
 from pymc_ship.records.steering.measured import align_to_first_execute
 from pymc_ship.records.steering.recognition import Steering, recognise, with_steering
 from pymc_ship.ships.identification.held_out import recorded_indices
@@ -81,8 +83,9 @@ class TestZigzags:
         """Broken twin: the heading at which the rudder began to move, for that at which it was ordered to."""
         run = records[4.0][1]
         assert recognise([run], tanker())[0][0].label == "zigzag 20/20 starboard"
-        at_the_order = Swings.switching_headings
-        monkeypatch.setattr(Swings, "switching_headings", lambda swings, delays: at_the_order(swings, 0.0 * delays))
+        at_the_order = steering_record.switching_headings
+        for room in (steering_record, recognition):
+            monkeypatch.setattr(room, "switching_headings", lambda *run: at_the_order(*run[:2], 0.0 * run[2]))
         assert recognise([run], tanker())[0][0].label != "zigzag 20/20 starboard"
 
     @pytest.mark.parametrize("course_deg", [-1.2, 0.7, 179.5, 250.0])

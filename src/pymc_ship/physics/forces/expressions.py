@@ -12,39 +12,24 @@ from typing import Any
 
 import numpy as np
 
-from pymc_ship.physics.forces.programs import (
-    ABSOLUTE,
-    ADD,
-    ARC_TANGENT,
-    COSINE,
-    DIVIDE,
-    EXPONENTIAL,
-    MULTIPLY,
-    MULTIPLY_ADD,
-    RAMP,
-    ROOT,
-    SINE,
-    STEP,
-    SUBTRACT,
-    Program,
-    segment_kind,
-)
+from pymc_ship.physics.forces import programs as op
+from pymc_ship.physics.forces.programs import Program, segment_kind
 
 _VALUES = {
-    ADD: lambda a, b: a + b,
-    SUBTRACT: lambda a, b: a - b,
-    MULTIPLY: lambda a, b: a * b,
-    DIVIDE: lambda a, b: a / b,
-    ROOT: lambda a, _: math.sqrt(a),
-    EXPONENTIAL: lambda a, _: math.exp(a),
-    SINE: lambda a, _: math.sin(a),
-    COSINE: lambda a, _: math.cos(a),
-    ARC_TANGENT: lambda a, b: math.atan2(a, b),
-    ABSOLUTE: lambda a, _: abs(a),
-    RAMP: lambda a, _: max(a, 0.0),
-    STEP: lambda a, _: float(a > 0.0),
+    op.ADD: lambda a, b: a + b,
+    op.SUBTRACT: lambda a, b: a - b,
+    op.MULTIPLY: lambda a, b: a * b,
+    op.DIVIDE: lambda a, b: a / b,
+    op.ROOT: lambda a, _: math.sqrt(a),
+    op.EXPONENTIAL: lambda a, _: math.exp(a),
+    op.SINE: lambda a, _: math.sin(a),
+    op.COSINE: lambda a, _: math.cos(a),
+    op.ARC_TANGENT: lambda a, b: math.atan2(a, b),
+    op.ABSOLUTE: lambda a, _: abs(a),
+    op.RAMP: lambda a, _: max(a, 0.0),
+    op.STEP: lambda a, _: float(a > 0.0),
 }
-_COMMUTE = (ADD, MULTIPLY)
+_COMMUTE = (op.ADD, op.MULTIPLY)
 
 
 def _unary(operation: int) -> Callable[[Expression], Expression]:
@@ -67,14 +52,14 @@ class Expression:
     def __init__(self, trace: Trace, node: int) -> None:
         self.trace, self.node = trace, node
 
-    __add__ = __radd__ = _binary(ADD)
-    __mul__ = __rmul__ = _binary(MULTIPLY)
-    __sub__, __rsub__ = _binary(SUBTRACT), _reflected_binary(SUBTRACT)
-    __truediv__, __rtruediv__ = _binary(DIVIDE), _reflected_binary(DIVIDE)
-    __abs__ = _unary(ABSOLUTE)
+    __add__ = __radd__ = _binary(op.ADD)
+    __mul__ = __rmul__ = _binary(op.MULTIPLY)
+    __sub__, __rsub__ = _binary(op.SUBTRACT), _reflected_binary(op.SUBTRACT)
+    __truediv__, __rtruediv__ = _binary(op.DIVIDE), _reflected_binary(op.DIVIDE)
+    __abs__ = _unary(op.ABSOLUTE)
 
     def __neg__(self) -> Expression:
-        return self.trace.record(SUBTRACT, 0.0, self)
+        return self.trace.record(op.SUBTRACT, 0.0, self)
 
     def __pow__(self, exponent: int) -> Expression:
         product = self
@@ -83,15 +68,15 @@ class Expression:
         return product
 
 
-root, exp = _unary(ROOT), _unary(EXPONENTIAL)
-sin, cos = _unary(SINE), _unary(COSINE)
-ramp, step = _unary(RAMP), _unary(STEP)
+root, exp = _unary(op.ROOT), _unary(op.EXPONENTIAL)
+sin, cos = _unary(op.SINE), _unary(op.COSINE)
+ramp, step = _unary(op.RAMP), _unary(op.STEP)
 """Square root of a positive x, exponential, sine and cosine of x [rad], the larger of x and 0, 1 where x > 0 else 0."""
 
 
 def arctan2(y: Expression, x: Expression) -> Expression:
     """Angle of the direction (x, y) [rad]."""
-    return y.trace.record(ARC_TANGENT, y, x)
+    return y.trace.record(op.ARC_TANGENT, y, x)
 
 
 class Trace:
@@ -108,19 +93,19 @@ class Trace:
         """Result of an operation; equal operations are recorded once, constants are folded."""
         a, b = (self._operand(side) for side in (left, right))
         values = [self._nodes[node][1] if self._nodes[node][0] == "constant" else None for node in (a, b)]
-        unary = operation in (ROOT, EXPONENTIAL, SINE, COSINE, ABSOLUTE, RAMP, STEP)
+        unary = operation in (op.ROOT, op.EXPONENTIAL, op.SINE, op.COSINE, op.ABSOLUTE, op.RAMP, op.STEP)
         if values[0] is not None and (unary or values[1] is not None):
             return self.constant(_VALUES[operation](values[0], values[1]))
-        if operation == MULTIPLY and 0.0 in values:
+        if operation == op.MULTIPLY and 0.0 in values:
             return self.constant(0.0)
-        if (operation == ADD and values[0] == 0.0) or (operation == MULTIPLY and values[0] == 1.0):
+        if (operation == op.ADD and values[0] == 0.0) or (operation == op.MULTIPLY and values[0] == 1.0):
             return Expression(self, b)
-        neutral = {ADD: 0.0, SUBTRACT: 0.0, MULTIPLY: 1.0, DIVIDE: 1.0}
+        neutral = {op.ADD: 0.0, op.SUBTRACT: 0.0, op.MULTIPLY: 1.0, op.DIVIDE: 1.0}
         if values[1] is not None and values[1] == neutral.get(operation):
             return Expression(self, a)
-        if operation == DIVIDE and self._moves[a] and not self._moves[b]:
-            return self.record(MULTIPLY, Expression(self, a), self.record(DIVIDE, 1.0, Expression(self, b)))
-        if operation == SUBTRACT and self._nodes[b][0] == MULTIPLY:
+        if operation == op.DIVIDE and self._moves[a] and not self._moves[b]:
+            return self.record(op.MULTIPLY, Expression(self, a), self.record(op.DIVIDE, 1.0, Expression(self, b)))
+        if operation == op.SUBTRACT and self._nodes[b][0] == op.MULTIPLY:
             still, moving = sorted(self._nodes[b][1:], key=self._moves.__getitem__)
             if not self._moves[still]:
                 return Expression(self, a) + -Expression(self, still) * Expression(self, moving)
@@ -182,15 +167,15 @@ class Trace:
         lowered: dict[int, tuple[int, int, int, int]] = {}
         for node in nodes:
             kind, a, b = self._nodes[node]
-            if kind == ADD:
-                lowered[node] = (ADD, a, one, b)
+            if kind == op.ADD:
+                lowered[node] = (op.ADD, a, one, b)
                 for product, other in ((a, b), (b, a)):
                     mergeable = uses[product] == 1 and self._moves[product] == self._moves[node]
-                    if mergeable and lowered.get(product, (None,))[0] == MULTIPLY:
-                        lowered[node] = (MULTIPLY_ADD, *lowered.pop(product)[1:3], other)
+                    if mergeable and lowered.get(product, (None,))[0] == op.MULTIPLY:
+                        lowered[node] = (op.MULTIPLY_ADD, *lowered.pop(product)[1:3], other)
                         break
             else:
-                lowered[node] = (kind, b, minus_one, a) if kind == SUBTRACT else (kind, a, b, zero)
+                lowered[node] = (kind, b, minus_one, a) if kind == op.SUBTRACT else (kind, a, b, zero)
         return lowered
 
     def _dependencies(self, begin: Sequence[int]) -> set[int]:

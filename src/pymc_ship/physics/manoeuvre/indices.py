@@ -16,6 +16,8 @@ from pymc_ship.trial.record import as_trial, check_trial
 def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     """Manoeuvring indices of IMO MSC.137(76), of a trial or of simulated ships.
 
+    TrialError for another manoeuvre, missing channels or missing attrs.
+
     Parameters
     ----------
     trial : Dataset, dims (time,) or (draw, time)
@@ -30,11 +32,6 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     Dataset, dims () or (draw,)
         Indices of the kind [deg, s, m, m/s, deg/s]; NaN where the record does not reach the event or diverged.
         Overshoots count beyond the switching heading. Indices of roll are left out where ``attrs["dofs"]`` lacks it.
-
-    Raises
-    ------
-    TrialError
-        For another manoeuvre, missing channels or missing attrs.
 
     Examples
     --------
@@ -54,7 +51,10 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
         keys = ", ".join(sorted(required))
         raise TrialError(f"The attrs of a {name} need {keys}, the side is 'starboard' or 'port'; mend them.")
     channels = ("u", "v", "r", "phi", "psi", "x", "y")
-    check_trial(_before_divergence(trial.isel(draw=0, missing_dims="ignore")), channels, uniform=False)
+    run = trial.isel(draw=0, missing_dims="ignore")
+    if "psi" in run:  # up to a divergence
+        run = run.isel(time=slice(0, max(np.flatnonzero(np.isfinite(run["psi"].values)), default=-1) + 1))
+    check_trial(run, channels, uniform=False)
     runs = trial if "draw" in trial.dims else trial.expand_dims("draw")
     records = zip(*(runs[name].transpose("draw", "time").values for name in channels), strict=True)
     ships = [Record(runs["time"].values, dict(zip(channels, record, strict=True))) for record in records]
@@ -72,9 +72,3 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
 def needs_roll(index: Index) -> bool:
     """Whether an index is of the roll."""
     return any(CHANNELS[name].rolling for name in index.needs)
-
-
-def _before_divergence(trial: xr.Dataset) -> xr.Dataset:
-    """Return the samples up to the last finite heading."""
-    good = np.flatnonzero(np.isfinite(trial["psi"].values)) if "psi" in trial else np.arange(trial.sizes["time"])
-    return trial.isel(time=slice(0, good[-1] + 1 if good.size else 0))

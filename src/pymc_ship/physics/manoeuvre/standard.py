@@ -92,9 +92,9 @@ def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_s
     if not names or len(angles) != len(names):
         wanted = " and ".join(names) or "its own constructor"
         raise SimulationError(f"A {kind} is made with {wanted}, found {len(angles)} angles; correct it.")
-    given = dict(zip(names, angles, strict=True))
-    _check(side, approach_speed, widest=_TWO_ROUNDS if traits.second_execute_factor == 0.0 else 90.0, **given)
-    rudder_deg, heading_deg = (float(given.get(name, 0.0)) for name in ("rudder_deg", "heading_deg"))
+    magnitudes = dict(zip(names, angles, strict=True))
+    _check(side, approach_speed, widest=_TWO_ROUNDS if traits.second_execute_factor == 0.0 else 90.0, **magnitudes)
+    rudder_deg, heading_deg = (float(magnitudes.get(name, 0.0)) for name in ("rudder_deg", "heading_deg"))
     return Manoeuvre(kind, rudder_deg, heading_deg, side=side, approach_speed=approach_speed)
 
 
@@ -118,6 +118,8 @@ def zigzag(
 ) -> Manoeuvre:
     """Zigzag test: the rudder is reversed when the heading has changed by heading_deg.
 
+    SimulationError for angles or a speed that are not positive, or an unknown side.
+
     Parameters
     ----------
     rudder_deg, heading_deg : float
@@ -126,11 +128,6 @@ def zigzag(
         Side turned to first; port is the side of the positive rudder angle.
     approach_speed : float, optional
         [m/s]; the vessel's nominal speed by default.
-
-    Raises
-    ------
-    SimulationError
-        For angles or a speed that are not positive, or an unknown side.
 
     Examples
     --------
@@ -172,6 +169,9 @@ def direct_spiral(
 ) -> Manoeuvre:
     """Direct spiral: steady turns from rudder_deg on one side to the other and back.
 
+    The manoeuvre is a rudder programme, whose last time is its duration. SimulationError for values that are not
+    positive, or a step that does not divide the largest angle.
+
     Parameters
     ----------
     rudder_deg, step_deg : float
@@ -180,16 +180,6 @@ def direct_spiral(
         Time at each angle [s]; 10 L/U lets most ships turn steadily.
     approach_speed : float, optional
         [m/s]; the vessel's nominal speed by default.
-
-    Returns
-    -------
-    Manoeuvre
-        A rudder programme, whose last time is its duration.
-
-    Raises
-    ------
-    SimulationError
-        For values that are not positive, or a step that does not divide the largest angle.
 
     Examples
     --------
@@ -224,6 +214,8 @@ def rudder_programme(
 ) -> Manoeuvre:
     """Rudder angle over time, linear between breakpoints.
 
+    SimulationError for arrays of different length, values that are not finite or times that do not increase.
+
     Parameters
     ----------
     time : array_like, shape (n,)
@@ -234,11 +226,6 @@ def rudder_programme(
         True for commands that the rudder follows at the vessel's rate, False for a record of what the rudder did.
     approach_speed : float, optional
         [m/s]; the vessel's nominal speed by default.
-
-    Raises
-    ------
-    SimulationError
-        For arrays of different length, values that are not finite or times that do not increase.
 
     Examples
     --------

@@ -36,25 +36,6 @@ class Reversal:
 
 
 @dataclass(frozen=True)
-class Swings:
-    """Heading of a zigzag, since the first execute [rad] against time [s], and its rudder reversals."""
-
-    time: np.ndarray
-    heading: np.ndarray
-    reversals: Sequence[Reversal]
-
-    def switching_headings(self, delays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Headings [deg] of the reversals from their middle (n_reversals, n_delays), and the middle, for delays [s]."""
-        begin = np.array([reversal.time for reversal in self.reversals])
-        heading = np.rad2deg(np.interp(begin[:, None] - delays, self.time, self.heading))
-        side = np.sign(self.reversals[0].heading) * (-1.0) ** np.arange(begin.size)[:, None]
-        if begin.size < 2:
-            return side * heading, np.zeros(delays.size)
-        middle = 0.5 * (heading[0::2].mean(axis=0) + heading[1::2].mean(axis=0))
-        return side * (heading - middle), middle
-
-
-@dataclass(frozen=True)
 class SteeringRecord:
     """Steering in a trial with u, r, psi and delta, from which a kind of manoeuvre is recognised.
 
@@ -85,7 +66,7 @@ class SteeringRecord:
     @cached_property
     def switching_heading(self) -> int:
         """Switching heading [deg] from the base course, a whole number from 1."""
-        headings, _ = swings(self.trial, self.reversals).switching_headings(np.array([self.delay]))
+        headings, _ = switching_headings(self.trial, self.reversals, np.array([self.delay]))
         return whole_heading(headings)
 
     @staticmethod
@@ -205,9 +186,17 @@ def base_course(trial: xr.Dataset) -> float:
     return initial + float(middle) if abs(middle) < _SKEWED else initial
 
 
-def swings(trial: xr.Dataset, reversals: Sequence[Reversal]) -> Swings:
-    """Heading since the first execute and reversals of a zigzag."""
-    return Swings(trial["time"].values, heading_change(trial), reversals)
+def switching_headings(
+    trial: xr.Dataset, reversals: Sequence[Reversal], delays: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Headings [deg] of the reversals from their middle (n_reversals, n_delays), and the middle, for delays [s]."""
+    begin = np.array([reversal.time for reversal in reversals])
+    heading = np.rad2deg(np.interp(begin[:, None] - delays, trial["time"].values, heading_change(trial)))
+    side = np.sign(reversals[0].heading) * (-1.0) ** np.arange(begin.size)[:, None]
+    if begin.size < 2:
+        return side * heading, np.zeros(delays.size)
+    middle = 0.5 * (heading[0::2].mean(axis=0) + heading[1::2].mean(axis=0))
+    return side * (heading - middle), middle
 
 
 def rudder_reversals(trial: xr.Dataset) -> list[Reversal]:

@@ -45,7 +45,8 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     if measured and vessel.modular and (vessel.propeller is not None or free):
         values[1] = trial["n"].values / ship_dimensions(vessel).n
     else:
-        values[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else initial_speed(trial) / U
+        speed = np.hypot(trial["u"].values[:10], trial["v"].values[:10] if "v" in trial else 0.0)
+        values[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else float(np.median(speed)) / U
         if measured and trial["n"].values[0] > 0.0:
             values[1] *= trial["n"].values / trial["n"].values[0]
     if WIND.name in vessel.parts and "wind_speed" in trial and "wind_direction" in trial:
@@ -62,11 +63,6 @@ def revolutions_measured(trial: xr.Dataset) -> bool:
 def takes_revolutions(vessel: Vessel) -> bool:
     """Whether the thrust of a vessel depends on revolutions in 1/s: it has parts and a stated propeller."""
     return vessel.modular and vessel.propeller is not None
-
-
-def initial_speed(trial: xr.Dataset) -> float:
-    """Initial speed of a record [m/s]."""
-    return float(np.median(np.hypot(trial["u"].values[:10], trial["v"].values[:10] if "v" in trial else 0.0)))
 
 
 def velocity(flow: Flow) -> np.ndarray:

@@ -25,13 +25,10 @@ _DRIFT, _TURNING = (-0.25, -0.1, 0.0, 0.1, 0.25), (-0.6, -0.3, 0.0, 0.3, 0.6)  #
 
 @dataclass(frozen=True, eq=False)
 class ParticularsPrior:
-    """What the particulars of a vessel say of its coefficients, prime values in the vessel's order.
+    """Prior of the coefficients from the particulars of a vessel, prime values (n_terms,) in the vessel's order.
 
-    Attributes
-    ----------
-    mean : ndarray, shape (n_terms,); of terms in v and r of the symmetric hull, 0 of all others
-    scale : ndarray, shape (n_terms,); sd of those terms, or the force of the hull over the term in a hard turn
-    of_hull : ndarray of bool, shape (n_terms,); whether the hull database gives the mean
+    ``mean`` is that of terms in v and r of the symmetric hull, 0 of all others; ``scale`` the sd of those terms, or the
+    force of the hull over the term in a hard turn; ``of_hull`` whether the hull database gives the mean.
     """
 
     mean: np.ndarray
@@ -86,10 +83,9 @@ def is_symmetric(term: str, dof: str) -> bool:
 
 
 def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
-    """Mean and sd of the hull's coefficients by name, prime values; VesselError without a draught.
+    """Coefficients of :func:`.bare_hull` of a vessel; VesselError without a draught.
 
-    Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. They include the added
-    mass of the steady turn (m_y v r, m_x u r). The sd of Xvv covers the term in v^4 up to v' = 0.3.
+    The sd of Xvv covers the term in v^4 up to v' = 0.3.
     """
     vessel = as_vessel(vessel)
     s = vessel.particulars

@@ -39,19 +39,12 @@ def shipped_vessels() -> tuple[str, ...]:
 def load_vessel(source: str | Path) -> Vessel:
     """Read a vessel.
 
+    VesselError for an unknown vessel, an unreadable file, unknown or missing keys, unknown terms, impossible values.
+
     Parameters
     ----------
     source : str or Path
         Name of a shipped vessel (``"container"``) or the path of a TOML file of the same form.
-
-    Returns
-    -------
-    Vessel
-
-    Raises
-    ------
-    VesselError
-        For an unknown vessel, an unreadable file, unknown or missing keys, unknown terms, and impossible values.
 
     Examples
     --------
@@ -81,7 +74,9 @@ def as_vessel(vessel: object) -> Vessel:
 
 def _vessel(file: Entry) -> Vessel:
     file.check_keys(("name", "title", "sources", "parts", *_TABLES), ("name", "particulars"))
-    name, forces = _name(file.at("name")), file.at("coefficients", {})
+    name, forces = file.at("name").text(), file.at("coefficients", {})
+    if not 0 < len(name) <= _LONGEST or not name.isprintable():
+        file.at("name").fail(f"must be one line of 1 to {_LONGEST} characters, found {short_repr(name)}; correct it.")
     forces.check_keys(DOFS)
     parts = _texts_of(file.at("parts", []))
     rolls = "roll" in forces
@@ -122,13 +117,6 @@ def _check_possible(findings: Iterable[Finding], file: Entry) -> None:
     for finding in findings:
         if finding.impossible:
             raise VesselError(f"{file.file}: {finding.sentence}")
-
-
-def _name(entry: Entry) -> str:
-    name = entry.text()
-    if not 0 < len(name) <= _LONGEST or not name.isprintable():
-        entry.fail(f"must be one line of 1 to {_LONGEST} characters, found {short_repr(name)}; correct it.")
-    return name
 
 
 def _estimate_inertia(
@@ -238,10 +226,7 @@ def _coefficient(name: str, entry: Entry, dof: str, source: str) -> Coefficient:
     numbers = _value_and_details(entry, ("published", "published_error"))
     numbers["source"] = numbers["source"] or source
     for key in ("published", "published_error"):
-        numbers[key] = _estimates(_details(entry).at(key, {}))
+        table = _details(entry).at(key, {})
+        table.check_table()
+        numbers[key] = {method: table.at(method).number() for method in table}
     return Coefficient(name, **numbers)
-
-
-def _estimates(table: Entry) -> dict[str, float]:
-    table.check_table()
-    return {key: table.at(key).number() for key in table}

@@ -221,17 +221,14 @@ def reference_coefficients(vessel: Vessel) -> np.ndarray:
 
 def per_run_indices(vessel: Vessel) -> list[int]:
     """Indices of the parameters with a value for each run, among all coefficients."""
-    return _parameter_indices(vessel, [parameter.per_run for parameter in vessel.parameters])
+    first = sum(map(len, vessel.forces.values()))
+    return [first + k for k, parameter in enumerate(vessel.parameters) if parameter.per_run]
 
 
 def per_facility_indices(vessel: Vessel) -> list[int]:
     """Indices of the parameters that may differ between facilities, among all coefficients."""
-    return _parameter_indices(vessel, [parameter.per_facility for parameter in vessel.parameters])
-
-
-def _parameter_indices(vessel: Vessel, mask: Iterable[bool]) -> list[int]:
-    first = sum(len(force) for force in vessel.forces.values())
-    return [first + k for k, chosen in enumerate(mask) if chosen]
+    first = sum(map(len, vessel.forces.values()))
+    return [first + k for k, parameter in enumerate(vessel.parameters) if parameter.per_facility]
 
 
 def most_dofs(vessels: Iterable[Vessel]) -> Vessel:

@@ -14,12 +14,12 @@ import xarray as xr
 from pymc_ship.physics.manoeuvre.registry import KINDS, either
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.physics.manoeuvre.steering_record import (
+    Reversal,
     SteeringRecord,
-    Swings,
     approach_speed,
     rudder_reversals,
     steering_text,
-    swings,
+    switching_headings,
     whole_heading,
 )
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -81,7 +81,7 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     by_trial = [rudder_reversals(trial) for trial in trials]
     every = [reversal for reversals in by_trial for reversal in reversals]
     unit = vessel.particulars.ship_time
-    zigzags = [swings(trial, reversals) for trial, reversals in zip(trials, by_trial, strict=True) if reversals]
+    zigzags = [run for run in zip(trials, by_trial, strict=True) if run[1]]
     delay = _common_delay(zigzags, _LONGEST_DELAY * unit) if every else np.nan
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
     records = [SteeringRecord(trial, reversals, delay) for trial, reversals in zip(trials, by_trial, strict=True)]
@@ -125,12 +125,12 @@ def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
     return replace(vessel, particulars=replace(vessel.particulars, **measured))
 
 
-def _common_delay(runs: Sequence[Swings], longest: float) -> float:
+def _common_delay(runs: Sequence[tuple[xr.Dataset, list[Reversal]]], longest: float) -> float:
     """Posterior mode of the delay [s], for switching headings near whole numbers of degrees, rather multiples of 5."""
     delays = np.linspace(0.0, longest, _DELAYS)
     cost = delays / (_USUAL_DELAY * longest)
-    for run in runs:
-        switch, _ = run.switching_headings(delays)
+    for trial, reversals in runs:
+        switch, _ = switching_headings(trial, reversals, delays)
         whole = np.array([whole_heading(headings) for headings in switch.T])
         square = np.mean((switch - whole) ** 2, axis=0)
         cost += 0.5 * len(switch) * np.log(square + _RESOLVED**2) + _UNUSUAL * (whole % 5 > 0)
