@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.tables import Columns, fixed_point, heads, number, table
+from pymc_ship.pages.tables import fixed_point, heads, number, table
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import bound_chapter, figures
 from pymc_ship.replication.measurements import PAPER_FAMILIES, level_of_error
 from pymc_ship.replication.prior_ships import POSTERIOR
 from pymc_ship.replication.study import StudyResult
+from pymc_ship.replication.tables import ERROR_SHARES
 
 SOURCES = (
     "Johnstone & Silverman (2004), Annals of Statistics 32(4):1594, doi:10.1214/009053604000000030",
@@ -40,35 +38,23 @@ def short(result: StudyResult) -> list[str]:
     """Five sentences that head the page: published errors, methods, forecasts and samplers."""
     blocks = [block for by_dof in result.agreement.values() for block in by_dof.values()]
     worst = max(blocks, key=lambda block: float(block["largest_z"].max()))
-    published = [_published_medians(result)] if _has_published(result) else []
-    return [
-        *published,
-        *bound_chapter.short(result),
-        f"Gibbs sampler and NUTS agree with the exact posterior in {_count_agreeing(result)} comparisons (largest |z| "
-        f"{float(worst['largest_z'].max()):.2f}, limit {worst.attrs['z_limit']:.2f}), so the choice of sampler does not explain the errors."
-        if _all_agree(result)
-        else f"Gibbs sampler and NUTS agree with the exact posterior in {_count_agreeing(result)} comparisons.",
-    ]
+    agreeing = f"Gibbs sampler and NUTS agree with the exact posterior in {count_agreeing(result)} comparisons"
+    if all(bool(block["agrees"].all()) for block in blocks):
+        agreeing += f" (largest |z| {float(worst['largest_z'].max()):.2f}, limit {worst.attrs['z_limit']:.2f})"
+        agreeing += ", so the choice of sampler does not explain the errors"
+    published, medians = [], _published_medians(result)
+    if np.isfinite(medians).all():
+        errors = f"{_n(medians[0])} % (conjugate) and {_n(medians[1])} % (semi-conjugate)"
+        published = [f"The published median errors are {errors}. {_where_published(result)}"]
+    return [*published, *bound_chapter.short(result), f"{agreeing}."]
 
 
-def _has_published(result: StudyResult) -> bool:
-    medians = [_median(result.tables["published"], "published", family) for family in PAPER_FAMILIES]
-    return bool(np.isfinite(medians).all())
+def _published_medians(result: StudyResult) -> list[float]:
+    return [_median(result.tables["published"], "published", family) for family in PAPER_FAMILIES]
 
 
-def _published_medians(result: StudyResult) -> str:
-    first, second = (_median(result.tables["published"], "published", family) for family in PAPER_FAMILIES)
-    return (
-        f"The published median errors are {_n(first)} % (conjugate) and {_n(second)} % (semi-conjugate). "
-        f"{_where_published(result)}"
-    )
-
-
-def _all_agree(result: StudyResult) -> bool:
-    return all(bool(d["agrees"].all()) for by_dof in result.agreement.values() for d in by_dof.values())
-
-
-def _count_agreeing(result: StudyResult) -> str:
+def count_agreeing(result: StudyResult) -> str:
+    """Number of comparisons in which draws agree with the exact posterior, of all of them."""
     flags = np.concatenate([d["agrees"].values for by_dof in result.agreement.values() for d in by_dof.values()])
     return f"{int(flags.sum())} of {flags.size}"
 
@@ -81,17 +67,6 @@ def _where_published(result: StudyResult) -> str:
     return (
         f"The paper's method reaches them at a noise level of about {_n(level)}, {_n(LITERAL_LEVEL / level)} times below "
         f"the printed one of {LITERAL_LEVEL:.3f}."
-    )
-
-
-def agreement(result: StudyResult) -> str:
-    """Sentence above the agreement table."""
-    comparisons = next(iter(next(iter(result.agreement.values())).values())).attrs["comparisons"]
-    return (
-        f"For each degree of freedom and family the draws of a Gibbs sampler and of PyMC's NUTS are compared with the exact "
-        f"posterior: means, standard deviations and quantiles of every coefficient and of the noise variance. The limit "
-        f"on |z| is the two-sided normal quantile at 1e-3 over the number of comparisons in a block (for surge "
-        f"{comparisons}). {_count_agreeing(result)} agree."
     )
 
 
@@ -118,10 +93,6 @@ def _finding(title: str, text: str, **more: object) -> dict:
     return {"title": title, "text": text, "table": None, "figure": None, "caption": ""} | more
 
 
-def _dof_columns(result: StudyResult, form: Callable[[Any], str]) -> Columns:
-    return {dof: (f"{dof} %", form) for dof in result.vessel.dofs}
-
-
 def _discretisation(result: StudyResult) -> dict:
     rows = result.tables["discretisation"]
     forward, central = rows[1], rows[2]
@@ -132,18 +103,15 @@ def _discretisation(result: StudyResult) -> dict:
         f"of {_n(min(forward[d] for d in dofs))} to {_n(max(forward[d] for d in dofs))} % by degree of freedom, the "
         f"central difference {_n(min(central[d] for d in dofs))} to {_n(max(central[d] for d in dofs))} %."
     )
-    columns: Columns = {
-        "differences": ("differences", str),
-        **_dof_columns(result, _n),
-        "worst": ("worst coefficient %", _n),
-    }
+    columns = heads(str, differences="differences") | heads(_n, **{dof: f"{dof} %" for dof in dofs})
+    columns |= heads(_n, worst="worst coefficient %")
     return _finding("Errors of discretisation alone", text, table=table(rows, columns))
 
 
 def _noise(result: StudyResult) -> dict:
     literal = _median(result.tables["errors"], LITERAL_LEVEL, "conjugate")
     at_literal = f" At the literal level the median error is {_n(literal)} %." if np.isfinite(literal) else ""
-    where = f" {_where_published(result)}" if _has_published(result) else ""
+    where = f" {_where_published(result)}" if np.isfinite(_published_medians(result)).all() else ""
     text = (
         "The sweep runs one pipeline (denoiser, Euler differences, conjugate posterior at the evidence maximum) at each "
         f"level.{where}{at_literal}"
@@ -162,13 +130,7 @@ def _differencing(result: StudyResult) -> dict:
         f"Euler differences and a row each second, which the main tables keep, has {_n(chosen['median'])} %. "
         f"{_denoisers(result)}"
     )
-    shares = {f"under_{k}": (f"< {k} %", fixed_point(0)) for k in (5, 20, 50)}
-    columns: Columns = {
-        "derivative": ("derivative", str),
-        "interval": ("rows", str),
-        "median": ("median %", _n),
-        **shares,
-    }
+    columns = heads(str, derivative="derivative", interval="rows") | heads(_n, median="median %") | ERROR_SHARES
     return _finding("How the accelerations are formed", text, table=table(rows, columns))
 
 
@@ -261,13 +223,9 @@ def _eq15(result: StudyResult) -> dict:
         "conditional; the marginal has A + n/2. NUTS uses neither formula: against the marginal its means of "
         f"sigma2 lie within |z| = {right:.1f}, against the other shape at least {slip:.1f} Monte-Carlo errors away."
     )
-    columns: Columns = {
-        "dof": ("DOF", str),
-        "mcmc": ("NUTS mean of sigma2", number(5)),
-        "mcse": ("MCSE", _n),
-        "z_marginal": ("z, shape A + n/2", fixed_point(2)),
-        "z_full_conditional": ("z, shape A + (n + c)/2", fixed_point(1)),
-    }
+    columns = heads(str, dof="DOF") | heads(number(5), mcmc="NUTS mean of sigma2") | heads(_n, mcse="MCSE")
+    columns |= heads(fixed_point(2), z_marginal="z, shape A + n/2")
+    columns |= heads(fixed_point(1), z_full_conditional="z, shape A + (n + c)/2")
     return _finding("Slip: the shape of the noise variance", text, table=table(rows, columns))
 
 
@@ -294,7 +252,7 @@ def _other_slips(result: StudyResult) -> dict:
         "The inverse gamma of the paper has density proportional to x^(-A-1) exp(-1/(B x)), so its B is the reciprocal of "
         "the scale that PyMC and scipy use; here scale = 1/B throughout. The words independent and dependent are exchanged "
         "between the two priors: the family that ties beta to sigma2 is the conjugate one, and it is under that reading "
-        f"that exact posterior and NUTS agree ({_count_agreeing(result)} comparisons above). Which channel carries the "
+        f"that exact posterior and NUTS agree ({count_agreeing(result)} comparisons above). Which channel carries the "
         "factor 1.0 in the noise is contradictory in the print; it is sway velocity here. The signs of the coefficients "
         "are lost in the print; every one carries the source of its sign."
     )

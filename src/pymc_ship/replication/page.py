@@ -13,11 +13,12 @@ from pymc_ship.diagnostics.page import PAGE as DIAGNOSTICS
 from pymc_ship.diagnostics.page import diagnostic_content
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.tree import CITATIONS, write_posterior
+from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, render_page, write_page
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.records.files.noise import noise_sd
+from pymc_ship.records.files.noise import LITERAL_LEVEL, noise_sd
 from pymc_ship.replication import bound_chapter, figures, findings
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.study import DURATION, STEP, StudyResult, run_study
@@ -51,6 +52,8 @@ def study(
 ) -> Path:
     """Run the paper's study and write its report.
 
+    VesselError for a vessel that cannot be read, OutputError for a folder that cannot be written.
+
     Parameters
     ----------
     out : str or Path
@@ -68,11 +71,6 @@ def study(
     -------
     Path
         The page, ``out/index.html``; it and ``out/diagnostics.html`` name a convergence diagnostic that fails.
-
-    Raises
-    ------
-    VesselError, OutputError
-        For a vessel that cannot be read or a folder that cannot be written.
     """
     return reported_study(out, vessel=vessel, level=level, seed=seed, progress=progress)[1]
 
@@ -101,7 +99,7 @@ def study_content(result: StudyResult, diagnosed: str) -> Content:
     values = {
         "title": f"{result.vessel.name.capitalize()} ship: coefficients and forecasts from a noisy 20/20 zigzag",
         "subtitle": (
-            f"Noise level shown {result.level:g}, seed {result.seed}. Bayesian regression of {_n_coefficients(result)} "
+            f"Noise level shown {result.level:g}, seed {result.seed}. Bayesian regression of {result.bound.size} "
             "coefficients, exact and by Markov chains, after Xue, Liu, Ji & Xue (2020)."
         ),
         "short": findings.short(result),
@@ -113,19 +111,24 @@ def study_content(result: StudyResult, diagnosed: str) -> Content:
         "level": f"{result.level:g}",
         "rows": next(iter(result.identifications[result.level].data.values())).n_rows,
         "optimisation_gain": findings.optimisation_gain(result),
-        "bound_text": bound_chapter.beside_errors(result),
+        "printed_level": f"{LITERAL_LEVEL:.3f}",
+        "published_text": bound_chapter.published_text(result),
+        "khat_limit": f"{KHAT_LIMIT:g}",
         "dofs": [dof_block(result, dof, exact) for dof in result.vessel.dofs],
         "tables": page_tables(result),
         "trace_figures": [(name, caption) for name, _, caption in trace],
         "diagnostics": DIAGNOSTICS.file,
-        "agreement_text": findings.agreement(result),
+        "comparisons": next(iter(result.agreement[PAPER_FAMILIES[0]].values())).attrs["comparisons"],
+        "n_agreeing": findings.count_agreeing(result),
         "agreement_blocks": agreement_blocks(result),
         "findings": findings.all_findings(result),
         "bound": bound_chapter.chapter(result),
         "command": f"pymc-ship study --vessel {result.vessel.name} --level {result.level:g} --seed {result.seed}",
     }
     figures = _figures(result) | {name: image for name, image, _ in trace}
-    sources = [*result.vessel.sources, *_works(), *findings.SOURCES]
+    paper, *methods = CITATIONS.values()
+    families = filter(None, (prior_family(family).citation for family in PAPER_FAMILIES))
+    sources = [*result.vessel.sources, paper, *families, *methods, *findings.SOURCES]
     return Content(values, figures, csv_tables(result), _files(result, diagnosed), sources)
 
 
@@ -138,17 +141,6 @@ def _files(result: StudyResult, diagnosed: str) -> dict[str, Callable[[Path], ob
         for dof, tree in trees.items()
     }
     return posteriors | {DIAGNOSTICS.file: lambda path: path.write_text(diagnosed, encoding="utf-8")}
-
-
-def _works() -> list[str]:
-    """Citations of the paper, its prior families and the methods."""
-    paper, *methods = CITATIONS.values()
-    families = (prior_family(family).citation for family in PAPER_FAMILIES)
-    return [paper, *filter(None, families), *methods]
-
-
-def _n_coefficients(result: StudyResult) -> int:
-    return sum(len(result.vessel.terms(dof)) for dof in result.vessel.dofs)
 
 
 def _signs(result: StudyResult) -> str:
@@ -191,7 +183,7 @@ def _sample_paths(result: StudyResult) -> Figure:
 
 def _trace_figures(result: StudyResult) -> list[tuple[str, str, str]]:
     """Name, image and caption of trace and rank plots of NUTS: for each DOF the coefficient with the largest |z|."""
-    shown = []
+    panels = []
     for family, by_dof in result.agreement.items():
         worst = {}
         for dof, dataset in by_dof.items():
@@ -200,5 +192,5 @@ def _trace_figures(result: StudyResult) -> list[tuple[str, str, str]]:
         trees = {dof: result.draws[family]["nuts"][dof] for dof in by_dof}
         for kind, (settings, caption) in _ARVIZ_PLOTS.items():
             image = drawing.html_image(figures.arviz_panels(f"plot_{kind}", trees, worst, **settings), caption)
-            shown.append((f"{kind}_{family}", image, f"NUTS, {family} family: {caption}"))
-    return shown
+            panels.append((f"{kind}_{family}", image, f"NUTS, {family} family: {caption}"))
+    return panels

@@ -27,24 +27,22 @@ def coefficient_rows(vessel: Vessel, dof: str, exact: Mapping[str, ExactPosterio
     Keys: coefficient, reference, sign_source, and for each family published_, published_error_, mean_, sd_, error_.
     """
     reference = vessel.coefficients(dof)
-    rows = [
-        {"coefficient": str(name), "reference": 1e5 * float(value), "sign_source": str(source)}
-        for name, value, source in zip(
-            reference["coefficient"].values, reference.values, reference["sign_source"].values, strict=True
-        )
-    ]
+    columns = {
+        "coefficient": reference["coefficient"].values,
+        "reference": 1e5 * reference.values,
+        "sign_source": reference["sign_source"].values,
+    }
     for family, posterior in exact.items():
         published = vessel.published_estimates(dof, family)
-        columns = {
+        columns |= {
             f"published_{family}": 1e5 * published,
             f"published_error_{family}": relative_error(published, reference.values),
             f"mean_{family}": 1e5 * posterior.mean,
             f"sd_{family}": 1e5 * posterior.sd,
             f"error_{family}": relative_error(posterior.mean, reference.values),
         }
-        for k, row in enumerate(rows):
-            row.update({name: float(values[k]) for name, values in columns.items()})
-    return rows
+    lines = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return [dict(zip(columns, line, strict=True)) for line in lines]
 
 
 def error_summary(errors: np.ndarray) -> dict[str, float]:
@@ -128,20 +126,11 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
 _RESAMPLES = 400
 
 
-def _rmse(deviation: np.ndarray) -> float:
-    """Median over coefficients of the root mean square over seeds."""
-    return float(np.median(np.sqrt(np.mean(deviation**2, axis=0))))
-
-
-def _ratio(errors: np.ndarray) -> float:
-    return float(np.median(errors[:, 0]) / np.median(errors[:, 1]))
-
-
 STATISTICS: dict[str, Callable[[np.ndarray], float]] = {
     "median": lambda values: float(np.median(values)),
     "mean": lambda values: float(np.mean(values)),
-    "rmse": _rmse,
-    "ratio": _ratio,
+    "rmse": lambda values: float(np.median(np.sqrt(np.mean(values**2, axis=0)))),  # median over coefficients
+    "ratio": lambda values: float(np.median(values[:, 0]) / np.median(values[:, 1])),
 }
 """What is made of the values over seeds."""
 

@@ -17,6 +17,9 @@ from pymc_ship.replication.scores import coefficient_rows, relative_error
 from pymc_ship.replication.study import MANOEUVRES, StudyResult
 from pymc_ship.trial.channels import default_channels
 
+ERROR_SHARES: Columns = {f"under_{k}": (f"< {k} %", fixed_point(0)) for k in (5, 20, 50)}
+"""Columns of an error summary: percentage of coefficients under each limit."""
+
 
 def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
     """Title, caption and table of one DOF's coefficients (Tables 2 and 3)."""
@@ -65,15 +68,8 @@ def _coefficient_rows(result: StudyResult, dof: str, exact: Mapping) -> list[dic
 def page_tables(result: StudyResult) -> dict[str, Table]:
     """Formatted tables of the page, by name."""
     p, n = fixed_point(1), number(3)
-    shares = {f"under_{k}": (f"< {k} %", fixed_point(0)) for k in (5, 20, 50)}
-    error_columns: Columns = {
-        "level": ("noise level", n),
-        "family": ("family", str),
-        "dof": ("DOF", str),
-        "median": ("median %", n),
-        **shares,
-        "coverage": ("90 % intervals cover %", fixed_point(0)),
-    }
+    error_columns = heads(n, level="noise level") | heads(str, family="family", dof="DOF") | heads(n, median="median %")
+    error_columns |= ERROR_SHARES | heads(fixed_point(0), coverage="90 % intervals cover %")
     return {
         "indices": _index_table(result),
         "denoising": table(
@@ -86,7 +82,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
             {
                 "method": ("method", str),
                 **{f"snr_{name}": (f"{name} [dB]", p) for name in default_channels()},
-                **{key: error_columns[key] for key in ("median", *shares, "coverage")},
+                **{key: error_columns[key] for key in ("median", *ERROR_SHARES, "coverage")},
             },
         ),
         "drawn_channels": table(
@@ -97,15 +93,12 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
         ),
         "drawn_coefficients": table(
             result.tables["drawn_coefficients"],
-            {
-                "derivative": ("derivative", str),
-                "dof": ("DOF", str),
-                "median": ("median %", n),
-                "coverage": ("90 % intervals cover %", fixed_point(0)),
-                "median_pooled": ("pooled: median %", n),
-                "coverage_pooled": ("cover %", fixed_point(0)),
-                "widened": ("sd, pooled / known", n),
-            },
+            heads(str, derivative="derivative", dof="DOF")
+            | heads(n, median="median %")
+            | heads(fixed_point(0), coverage="90 % intervals cover %")
+            | heads(n, median_pooled="pooled: median %")
+            | heads(fixed_point(0), coverage_pooled="cover %")
+            | heads(n, widened="sd, pooled / known"),
         ),
         "data": table(
             _data_rows(result),
@@ -130,10 +123,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
             ],
             error_columns,
         ),
-        "agreement": table(
-            _agreement_rows(result),
-            {"family": ("family", str), "dof": ("DOF", str), **AGREEMENT},
-        ),
+        "agreement": table(_agreement_rows(result), heads(str, family="family", dof="DOF") | AGREEMENT),
         "forecast_zigzag": _forecast_table(
             result,
             "zigzag",
@@ -240,13 +230,8 @@ def agreement_blocks(result: StudyResult) -> list[dict]:
 
 def _forecast_table(result: StudyResult, name: str, wanted: Mapping[str, tuple[str, float]]) -> Table:
     rows = []
-    columns: Columns = {
-        "level": ("noise level", number(3)),
-        "family": ("family", str),
-        "error": ("error %", number(3)),
-        "coverage": ("coverage %", fixed_point(0)),
-        "share_diverged": ("diverged %", fixed_point(1)),
-    }
+    columns = heads(number(3), level="noise level") | heads(str, family="family") | heads(number(3), error="error %")
+    columns |= heads(fixed_point(0), coverage="coverage %") | heads(fixed_point(1), share_diverged="diverged %")
     for row in result.tables[f"forecast_{name}"]:
         extra = {}
         for index, (_, unit) in wanted.items():
