@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from pymc_ship.experiments.grid import Cell
-from pymc_ship.experiments.tables import Costs, Sizes, bottleneck, cell_row, group_rows, plan_rows
+from pymc_ship.experiments.tables import Costs, Sizes, bottleneck, cell_row, group_rows, plan_rows, session_rows
 from pymc_ship.experiments.task import PARTS
 
 
@@ -43,8 +43,7 @@ def made_up(n, workers=2, seconds=1.0, parent=0.002, wall=None):
 
 def test_the_plan_is_computed_from_the_costs():
     costs = made_up(50)
-    (session,) = costs.sessions.values()
-    assert session.overhead == pytest.approx(20.0)
+    assert session_rows(costs)[0]["overhead"] == pytest.approx(20.0)
     rows = {row["quantity"]: row["value"] for row in plan_rows(costs, Sizes(1, 5000, 20_000, 3 * 10**8, 0.5))}
     assert rows["processor time"] == pytest.approx(0.9e6 / 3600)
     assert rows["time on 64 cores"] == pytest.approx(1e6 / 0.8 / 64 / 3600)

@@ -49,18 +49,10 @@ def seed_parts(cells: Iterable, seeds: int) -> Iterator[tuple]:
 class Grid:
     """All experiments of a study.
 
-    Attributes
-    ----------
-    ships, manoeuvres : dict
-        Vessels by name, and manoeuvres by label.
-    noise : dict of str to tuple of float
-        Levels of each kind of :data:`pymc_ship.records.files.noise.NOISES`.
-    methods : tuple of str
-        Keys of :data:`pymc_ship.experiments.task.METHODS` or of ``own``, the user-defined methods.
-    seeds, root_seed : int
-        Data sets of each cell, and root of every random number.
-    duration : float
-        Of each record [s].
+    ``ships`` are vessels by name, ``manoeuvres`` manoeuvres by label, ``noise`` levels of each kind of
+    :data:`pymc_ship.records.files.noise.NOISES`, ``methods`` keys of :data:`pymc_ship.experiments.task.METHODS` or of
+    ``own``, the user-defined methods. ``seeds`` are the data sets of each cell, ``root_seed`` is the root of every
+    random number, ``duration`` [s] that of each record.
     """
 
     title: str
@@ -105,13 +97,8 @@ class Grid:
     def task(self, cell: Cell, seed: int, block: str = "") -> Task:
         """Task of one seed of a cell."""
         ship, manoeuvre = self.ships[cell.ship], self.manoeuvres[cell.manoeuvre]
-        kind: dict[str, Any] = {
-            "noise": cell.noise,
-            "level": cell.level,
-            "method": cell.method,
-            "own": self.own.get(cell.method),
-        }
-        return Task(ship, manoeuvre, **kind, seed=seed, root=self.root_seed, duration=self.duration, block=block)
+        settings: dict[str, Any] = {"duration": self.duration, "block": block, "own": self.own.get(cell.method)}
+        return Task(ship, manoeuvre, cell.noise, cell.level, cell.method, seed, self.root_seed, **settings)
 
     def record(self) -> dict:
         """The settings that the results depend on, saved with them."""

@@ -31,7 +31,7 @@ from pymc_ship.machine.files import staged_files
 from pymc_ship.machine.memory import peak_memory
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, heads, number, table
 
 PAGE = Page("index.html", Path(__file__).with_name("page.html.j2"), digits=6, tables=".")
 """The page of a study, in one folder with ``cells.csv``."""
@@ -85,26 +85,21 @@ def cell_table(rows: Sequence[Mapping]) -> Table:
         for row in rows
     ]
     columns: Columns = {name: (name, str) for name in _SHARED if len({row[name] for row in rows}) > 1}
-    columns |= {"level": ("noise level", number(3)), "method": ("method", str)}
-    columns |= {"median_error": ("median error %", str), "coverage": ("90 % intervals cover %", str)}
-    columns |= {"coverage_half": ("50 % intervals cover %", str)}
-    columns |= {"tactical_diameter_error": ("tactical diameter error %", str)}
+    columns |= heads(number(3), level="noise level") | heads(str, method="method", median_error="median error %")
+    columns |= heads(str, coverage="90 % intervals cover %", coverage_half="50 % intervals cover %")
+    columns |= heads(str, tactical_diameter_error="tactical diameter error %")
     return table(lines, columns | {name: (name, fixed_point(0)) for name in STATUSES})
 
 
 def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> Content:
     n, grid = number(3), store.study
     sessions = session_rows(costs)
-    by_session: Columns = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed_point(0))}
-    by_session |= {"tasks": ("tasks", fixed_point(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
-    by_session |= {
-        "overhead": ("overhead %", fixed_point(1)),
-        "speed": ("tasks/s", n),
-        "parent_ms": ("parent ms/task", n),
-    }
-    by_method: Columns = {"group": ("method", str), "tasks": ("tasks", fixed_point(0))}
-    by_method |= {name: (f"{name} s", n) for name in PARTS} | {"sum": ("sum s", n), "cpu": ("processor s", n)}
-    plan: Columns = {"quantity": ("", str), "value": ("value", n), "unit": ("", str), "measured": ("from", str)}
+    by_session = heads(str, session="run", executor="by") | heads(fixed_point(0), workers="workers", tasks="tasks")
+    by_session |= heads(n, wall="wall s", seconds="sum of parts s") | heads(fixed_point(1), overhead="overhead %")
+    by_session |= heads(n, speed="tasks/s", parent_ms="parent ms/task")
+    by_method = heads(str, group="method") | heads(fixed_point(0), tasks="tasks")
+    by_method |= heads(n, **{name: f"{name} s" for name in PARTS}, sum="sum s", cpu="processor s")
+    plan = heads(str, quantity="") | heads(n, value="value") | heads(str, unit="", measured="from")
     groups = [list(group) for _, group in groupby(rows, key=lambda row: [row[name] for name in _SHARED])]
     shown = {f"scores_{k}": group for k, group in enumerate(groups[:MOST_FIGURES])}
     values = {

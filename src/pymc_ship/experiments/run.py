@@ -39,6 +39,10 @@ def montecarlo(
     Every result is saved at once and not computed again. Seeds, levels, methods, manoeuvres and ships may be added. The
     tables of results do not depend on workers and interruptions.
 
+    StudyError for a study that cannot be read or does not extend the one in the folder, a method that cannot be called
+    or returns no Estimate, a scheduler that does not answer, and workers that die repeatedly. OutputError for a folder
+    that cannot be written; earlier results stay.
+
     Parameters
     ----------
     study : str, Path or mapping
@@ -61,14 +65,6 @@ def montecarlo(
     Path
         The page, ``out/index.html``, in one folder with ``results.parquet``, ``timings.parquet`` and, for a grid,
         ``cells.csv``.
-
-    Raises
-    ------
-    StudyError
-        For a study that cannot be read or does not extend the one in the folder, a method that cannot be called or
-        returns no Estimate, a scheduler that does not answer, and workers that die repeatedly.
-    OutputError
-        For a folder that cannot be written; earlier results stay.
     """
     _, page = reported_montecarlo(study, out, workers=workers, scheduler=scheduler, methods=methods, progress=progress)
     return page
@@ -128,11 +124,11 @@ def _complete_tasks(
 ) -> None:
     """Do all missing tasks; restart with new workers where some died."""
     session, start = {"session": time.time_ns(), "executor": executor.label}, time.perf_counter()
-    shown = _Progress(store.study.n_tasks, progress)
+    bar = _Progress(store.study.n_tasks, progress)
 
     def remaining() -> Iterator | None:
         missing = store.missing()
-        shown.begin(store.study.n_tasks - sum(len(seeds) for *_, seeds in missing))
+        bar.begin(store.study.n_tasks - sum(len(seeds) for *_, seeds in missing))
         return _tasks(store, missing) if missing else None
 
     try:
@@ -140,7 +136,7 @@ def _complete_tasks(
         for result in run_tasks(executor, work, remaining):
             clock = {"wall": time.perf_counter() - start, "workers": executor.workers}
             store.add(result | session | clock)
-            shown.one_more()
+            bar.one_more()
     except WorkersLostError as error:
         raise StudyError(
             f"Workers died {error.times} times without a result in between, of {error.reason}; what was measured so "

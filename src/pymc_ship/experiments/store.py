@@ -72,7 +72,8 @@ class Store:
             with journal.open("ab") as file:
                 file.write(line.encode())
         except OSError as error:
-            raise _unwritable(journal, error) from None
+            reason = f"{journal} cannot be written: {error.strerror or error}"
+            raise OutputError(f"{reason}; what was measured is kept: make room and run again.") from None
         self._left[part] -= 1
         if not self._left[part]:
             self._seal(part)
@@ -218,8 +219,3 @@ def _whole(path: Path) -> Iterator[None]:
         raise StudyError(
             f"The results {path} are damaged: {error}; delete the file, its tasks will be done again."
         ) from None
-
-
-def _unwritable(path: Path, error: OSError) -> OutputError:
-    reason = error.strerror or error
-    return OutputError(f"{path} cannot be written: {reason}; what was measured is kept: make room and run again.")

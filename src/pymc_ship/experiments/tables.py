@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 
 from pymc_ship.experiments.task import STATUSES, Cell
@@ -31,7 +32,8 @@ def cell_row(cell: Cell, rows: Mapping[str, np.ndarray]) -> dict:
     """Fields and ``seeds`` of a cell, the number of each status, and each score with its ``_se``.
 
     ``rows`` are ``status`` and the scores, shape (n_seeds,). A task without coefficients has an infinite error and
-    coverages of 0; one without a tactical diameter has an infinite error in that.
+    coverages of 0; one without a tactical diameter has an infinite error in that. The standard error of a single seed
+    or an infinite statistic is NaN.
     """
     row = asdict(cell) | {"seeds": len(rows["status"])}
     row |= {status: int(np.sum(rows["status"] == status)) for status in STATUSES}
@@ -40,100 +42,62 @@ def cell_row(cell: Cell, rows: Mapping[str, np.ndarray]) -> dict:
         values = np.where(np.isnan(rows[name]), missing, rows[name])
         if name == "coverage_half" and np.isnan(rows[name]).all():  # a method without intervals of 50 %
             values = rows[name]
-        row[name], row[f"{name}_se"] = _with_error(values, statistic)
+        row[name], se = statistic_and_error(values, statistic)
+        row[f"{name}_se"] = se if len(values) > 1 and math.isfinite(row[name]) else math.nan
     return row
 
 
-def _with_error(values: np.ndarray, statistic: str) -> tuple[float, float]:
-    """Statistic and its standard error; NaN for a single seed or an infinite statistic."""
-    value, se = statistic_and_error(values, statistic)
-    return value, se if len(values) > 1 and math.isfinite(value) else float("nan")
+_SUMMARY = dict.fromkeys(("tasks", "seconds", "cpu"), "sum")
+_SUMMARY |= {"executor": "first", "workers": "max", "wall": "max", "parent": "last"}
 
 
-@dataclass
-class Session:
-    """Costs of the tasks of one call of the program; seconds are sums over the tasks of the parts.
-
-    ``wall`` [s] is from the start to the last result, ``parent`` [s] the time to send a task and save its result.
-    """
-
-    executor: str
-    workers: int = 0
-    tasks: int = 0
-    seconds: float = 0.0
-    cpu: float = 0.0
-    wall: float = 0.0
-    parent: float = 0.0
-
-    def add(self, row: Mapping, seconds: float) -> None:
-        """Count a task whose parts took so many seconds."""
-        self.workers, self.tasks = max(self.workers, row["workers"]), self.tasks + 1
-        self.seconds += seconds
-        self.cpu += row["cpu"]
-        self.wall, self.parent = max(self.wall, row["wall"]), row["parent"]
-
-    @property
-    def overhead(self) -> float:
-        """Percentage of the workers' time outside the parts."""
-        return 100.0 * (1.0 - self.seconds / (self.workers * self.wall))
-
-
-@dataclass
 class Costs:
-    """Costs of the tasks of a study, added part by part.
+    """Costs of the tasks of a study, added part by part; ``timed`` are the parts of a task with recorded seconds."""
 
-    ``sessions`` by their start [ns since 1970]; ``groups`` of cells, such as a method: ``tasks``, seconds of each
-    part of a task (``timed``) and ``cpu``.
-    """
-
-    timed: tuple[str, ...]
-
-    sessions: dict[int, Session] = field(default_factory=dict)
-    groups: dict[str, dict[str, float]] = field(default_factory=dict)
+    def __init__(self, timed: tuple[str, ...]):
+        self.timed = timed
+        self._parts: list[pd.DataFrame] = []
 
     def add(self, group: str, rows: pa.Table) -> None:
-        """Count the tasks of a part."""
-        mine = self.groups.setdefault(group, dict.fromkeys(("tasks", *self.timed, "cpu"), 0.0))
-        for row in rows.select(["session", "executor", "workers", "wall", "parent", "cpu", *self.timed]).to_pylist():
-            session = self.sessions.setdefault(row["session"], Session(row["executor"]))
-            session.add(row, sum(row[name] for name in self.timed))
-            mine["tasks"] += 1
-            for name in (*self.timed, "cpu"):
-                mine[name] += row[name]
+        """Count the tasks of a part of a group of cells, such as a method."""
+        columns = ["session", "executor", "workers", "wall", "parent", "cpu", *self.timed]
+        tasks = rows.select(columns).to_pandas().assign(group=group, tasks=1)
+        tasks["seconds"] = tasks[list(self.timed)].sum(axis=1)
+        summary = _SUMMARY | dict.fromkeys(self.timed, "sum")
+        self._parts.append(tasks.groupby(["group", "session"], as_index=False).agg(summary))
 
     @property
-    def tasks(self) -> int:
-        """Number of tasks."""
-        return sum(session.tasks for session in self.sessions.values())
+    def sessions(self) -> pd.DataFrame:
+        """Costs of each call of the program, by its start [ns since 1970].
+
+        ``seconds`` and ``cpu`` are sums over its ``tasks``, ``wall`` [s] is from the start to the last result,
+        ``parent`` [s] the time to send a task and save its result.
+        """
+        return pd.concat(self._parts).groupby("session").agg(_SUMMARY)
+
+    @property
+    def longest(self) -> pd.Series:
+        """Session with the most tasks."""
+        return self.sessions.loc[self.sessions["tasks"].idxmax()]
 
     def mean(self, name: str) -> float:
         """Mean over all tasks of ``seconds`` or ``cpu`` [s]."""
-        return sum(getattr(session, name) for session in self.sessions.values()) / self.tasks
-
-    @property
-    def longest(self) -> Session:
-        """Session with the most tasks."""
-        return max(self.sessions.values(), key=lambda session: session.tasks)
+        return float(self.sessions[name].sum() / self.sessions["tasks"].sum())
 
 
 def group_rows(costs: Costs) -> list[dict]:
     """Mean seconds of each part and of processor time by group."""
-    return [
-        {"group": group, "tasks": int(sums["tasks"])}
-        | {name: sums[name] / sums["tasks"] for name in (*costs.timed, "cpu")}
-        | {"sum": sum(sums[name] for name in costs.timed) / sums["tasks"]}
-        for group, sums in costs.groups.items()
-    ]
+    sums = pd.concat(costs._parts).groupby("group", sort=False)[["tasks", *costs.timed, "cpu", "seconds"]].sum()
+    means = sums.div(sums["tasks"], axis=0).rename(columns={"seconds": "sum"})
+    return means.assign(tasks=sums["tasks"]).reset_index().to_dict("records")
 
 
 def session_rows(costs: Costs) -> list[dict]:
-    """Each session by its start: workers, tasks, wall time against the sum of the parts."""
-    rows = []
-    for number, (_, session) in enumerate(sorted(costs.sessions.items()), start=1):
-        row = {"session": number} | asdict(session)
-        row |= {"speed": session.tasks / session.wall, "overhead": session.overhead}
-        rows.append(row | {"parent_ms": 1e3 * session.parent})
-    return rows
+    """Each session by its start: workers, tasks, wall time against the sum of the parts, ``overhead`` [%] outside."""
+    rows = costs.sessions.reset_index(drop=True)
+    busy = rows["seconds"] / (rows["workers"] * rows["wall"])
+    rows = rows.assign(session=rows.index + 1, overhead=100.0 * (1.0 - busy), speed=rows["tasks"] / rows["wall"])
+    return rows.assign(parent_ms=1e3 * rows["parent"]).to_dict("records")
 
 
 @dataclass(frozen=True)
@@ -152,10 +116,11 @@ class Sizes:
 
 def plan_rows(costs: Costs, sizes: Sizes, tasks: int = BEYOND) -> list[dict]:
     """Extrapolated costs of a study of so many tasks: quantity, value, unit, and ``measured``, their source."""
-    n, cpu, seconds, best = costs.tasks, costs.mean("cpu"), costs.mean("seconds"), costs.longest
-    parent, efficiency = best.parent, best.seconds / (best.workers * best.wall)
+    n, best = int(costs.sessions["tasks"].sum()), costs.longest
+    cpu, seconds, parent = costs.mean("cpu"), costs.mean("seconds"), best["parent"]
+    efficiency = best["seconds"] / (best["workers"] * best["wall"])
     rows = [("processor time", tasks * cpu / 3600.0, "h", f"{cpu:.3g} s a task")]
-    for workers in sorted({best.workers, *CORES}):
+    for workers in sorted({best["workers"], *CORES}):
         hours = tasks * max(seconds / efficiency / workers, parent) / 3600.0
         basis = f"{seconds:.3g} s a task, workers {100.0 * efficiency:.3g} % busy, not faster than the parent"
         rows.append((f"time on {workers} cores", hours, "h", basis))
@@ -175,7 +140,7 @@ def plan_rows(costs: Costs, sizes: Sizes, tasks: int = BEYOND) -> list[dict]:
 
 def bottleneck(costs: Costs, tasks: int = BEYOND) -> str:
     """Sentence on the bottleneck of a study of so many tasks."""
-    seconds, parent = costs.mean("seconds"), costs.longest.parent
+    seconds, parent = costs.mean("seconds"), costs.longest["parent"]
     most, hours = seconds / parent, tasks * parent / 3600.0
     return (
         f"Up to about {most:.2g} workers the cores are the bottleneck; beyond that it is the parent, which hands out "

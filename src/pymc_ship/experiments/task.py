@@ -85,18 +85,10 @@ class Cell:
 class Task:
     """One method on one data set.
 
-    Attributes
-    ----------
-    vessel, manoeuvre
-        Of the record, simulated in Euler steps of 0.02 s for ``duration`` [s].
-    noise, level
-        Key of :data:`pymc_ship.records.files.noise.NOISES`, and level as in :func:`pymc_ship.pollute`.
-    method : str
-        Key of :data:`METHODS`, or the name of ``own``, a user-defined method.
-    seed, root : int
-        Number of the data set, and root of every random number.
-    block : str
-        Part of the result in the store.
+    The record is a ``manoeuvre`` of a ``vessel`` in Euler steps of 0.02 s for ``duration`` [s]. ``noise`` is a key of
+    :data:`pymc_ship.records.files.noise.NOISES`, its ``level`` as in :func:`pymc_ship.pollute`; ``method`` is a key of
+    :data:`METHODS`, or the name of ``own``, a user-defined method; ``seed`` is the number of the data set, ``root`` the
+    root of every random number, ``block`` the part of the result in the store.
     """
 
     vessel: Vessel
@@ -162,11 +154,7 @@ def _fit_and_score(task: Task, parts: dict[str, float], scores: dict[str, float]
         errors = estimate.scores(task.vessel)
         if not np.isfinite(estimate.coefficients).all():
             raise _NoCoefficientsError("the coefficients are not finite")
-        scores |= {
-            "median_error": errors["median"],
-            "coverage": errors["coverage"],
-            "coverage_half": errors["coverage_half"],
-        }
+        scores |= {"median_error": errors["median"]} | {name: errors[name] for name in ("coverage", "coverage_half")}
         scores["tactical_diameter_error"], diverged_at = turn_error(task.vessel, estimate.coefficients)
     if np.isfinite(diverged_at):
         return "diverged", f"the identified ship diverged in the {TURN.label} at t = {diverged_at:g} s"
