@@ -52,15 +52,15 @@ def real_array(what: str, values: Any, error: type[ValueError] = ValueError) -> 
     """
     values = values.compute() if hasattr(values, "compute") else values  # of dask, whose conversion drops masks
     _check_unmasked(f"{what} must be real numbers", values, error)
-    found = None
+    array = None
     with suppress(TypeError, ValueError):  # of rows of different length
-        found = np.asarray(values)
-    if found is not None and found.dtype.kind == "O":
-        found = _from_objects(what, found, error)
-    if found is None or found.dtype.kind not in "biuf":
-        kind = "" if found is None else _KINDS.get(found.dtype.kind, "")
+        array = np.asarray(values)
+    if array is not None and array.dtype.kind == "O":
+        array = _from_objects(what, array, error)
+    if array is None or array.dtype.kind not in "biuf":
+        kind = "" if array is None else _KINDS.get(array.dtype.kind, "")
         raise error(f"{what} must be real numbers, found {kind or short_repr(values)}; convert them.")
-    return np.array(found, dtype=float, order="C")
+    return np.array(array, dtype=float, order="C")
 
 
 def label_array(what: str, values: Any, error: type[ValueError] = ValueError) -> np.ndarray:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 _MARK = b"pymc-ship sha256 "
 _BLOCK = 1 << 20
@@ -15,21 +14,20 @@ _BLOCK = 1 << 20
 
 def append_checksum(path: str | Path) -> None:
     """Append the checksum of a file to it: 81 bytes, which readers of NetCDF and HDF5 ignore."""
-    with Path(path).open("r+b") as file:
-        digest = _digest(file, file.seek(0, os.SEEK_END))
-        file.seek(0, os.SEEK_END)
-        file.write(_MARK + digest.encode())
+    digest = _digest(Path(path), Path(path).stat().st_size)
+    with Path(path).open("ab") as file:
+        file.write(_MARK + digest)
 
 
 def has_valid_checksum(path: str | Path) -> bool:
     """Whether a file agrees with the checksum at its end; True for a file without one."""
+    size = Path(path).stat().st_size - len(_MARK) - 2 * hashlib.sha256().digest_size
+    if size < 0:
+        return True
     with Path(path).open("rb") as file:
-        size = file.seek(0, os.SEEK_END) - len(_MARK) - 2 * hashlib.sha256().digest_size
-        if size < 0:
-            return True
         file.seek(size)
         end = file.read()
-        return not end.startswith(_MARK) or end == _MARK + _digest(file, size).encode()
+    return not end.startswith(_MARK) or end == _MARK + _digest(Path(path), size)
 
 
 def folder_checksum(folder: str | Path, names: Iterable[str | Path], index: Mapping[str, Any]) -> str:
@@ -41,12 +39,11 @@ def folder_checksum(folder: str | Path, names: Iterable[str | Path], index: Mapp
     return digest.hexdigest()
 
 
-def _digest(file: BinaryIO, size: int) -> str:
-    """SHA-256 of the first ``size`` bytes of an open file, whose position stays the same."""
-    position, digest = file.tell(), hashlib.sha256()
-    file.seek(0)
-    while size > 0 and (block := file.read(min(_BLOCK, size))):
-        digest.update(block)
-        size -= len(block)
-    file.seek(position)
-    return digest.hexdigest()
+def _digest(path: Path, size: int) -> bytes:
+    """SHA-256 of the first ``size`` bytes of a file."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(min(_BLOCK, size)):
+            digest.update(block)
+            size -= len(block)
+    return digest.hexdigest().encode()

@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from itertools import islice, takewhile
 
 AHEAD = 4  # tasks queued for each worker
@@ -75,7 +74,7 @@ class LocalCores:
         """
         import joblib
 
-        failures: list[_Failure] = []  # an error raised in a worker process may block joblib
+        failures: list[Exception] = []  # an error raised in a worker process may block joblib
         tasks = takewhile(lambda _: not failures, tasks)
 
         settings = {"return_as": "generator_unordered", "pre_dispatch": f"{AHEAD}*n_jobs", "batch_size": 1}
@@ -84,18 +83,18 @@ class LocalCores:
             settings |= {"backend": "loky", "initializer": _end_with_parent, "initargs": (os.getpid(),)}
         try:
             for result in joblib.Parallel(self.workers, **settings)(
-                joblib.delayed(_result_or_failure)(work, task) for task in tasks
+                joblib.delayed(_result_or_error)(work, task) for task in tasks
             ):
-                if isinstance(result, _Failure):
+                if isinstance(result, Exception):
                     failures.append(result)
                 else:
                     yield result
         except BrokenProcessPool:
             raise WorkersLostError from None
         for failure in failures:
-            if isinstance(failure.error, MACHINE):
-                raise WorkersLostError(error_text(failure.error))
-            raise failure.error
+            if isinstance(failure, MACHINE):
+                raise WorkersLostError(error_text(failure))
+            raise failure
 
     def __enter__(self) -> LocalCores:
         self._warnings = warnings.catch_warnings()
@@ -112,18 +111,11 @@ class LocalCores:
             get_reusable_executor().shutdown(wait=True, kill_workers=True)
 
 
-@dataclass(frozen=True)
-class _Failure:
-    """Result of a task that raised an error."""
-
-    error: Exception
-
-
-def _result_or_failure[Task, Result](work: Callable[[Task], Result], task: Task) -> Result | _Failure:
+def _result_or_error[Task, Result](work: Callable[[Task], Result], task: Task) -> Result | Exception:
     try:
         return work(task)
     except Exception as error:  # the parent raises it
-        return _Failure(error)
+        return error
 
 
 def _end_with_parent(parent: int) -> None:

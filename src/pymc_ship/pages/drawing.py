@@ -5,8 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import re
-from collections.abc import Callable
-from functools import wraps
 from html import escape
 from typing import Any
 
@@ -33,15 +31,8 @@ METHOD_COLOURS = ("#7fb2dd", BLUE, "#3a8f4d", RUST, "#7d4fa3")
 BESIDE_DPI, EMBEDDED_DPI = 110, 150  # of PNG files, and of PNG images inside a page [dots per inch]
 
 
-def house_style[**P, Drawn](draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
-    """Draw in the house style."""
-
-    @wraps(draw)
-    def draw_in_style(*arguments: P.args, **settings: P.kwargs) -> Drawn:
-        with matplotlib.rc_context(STYLE):
-            return draw(*arguments, **settings)
-
-    return draw_in_style
+house_style = matplotlib.rc_context(STYLE)
+"""Decorator of the functions that draw."""
 
 
 def subplots(
