@@ -69,7 +69,7 @@ def parser() -> Parser:
     words.add_argument("--version", action="version", version=f"pymc-ship {__version__}")
     commands = words.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, (description, add_options) in _COMMANDS.items():
-        settings = {"help": description, "description": description, "epilog": EXAMPLES[name]}
+        settings: dict[str, Any] = {"help": description, "description": description, "epilog": EXAMPLES[name]}
         command = commands.add_parser(name, formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
         if name not in _WITHOUT_SEED:
             command.add("--seed", "seed of the random numbers, recorded in the output", 2020, type=seed)

@@ -78,7 +78,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
     made |= {"forecasts": summary.forecasts, "summary": summary.sentences}
     made["captive"] = captive_comparison(identification, rng)
-    record = {"runs": identification.names, "quality_flags": identification.quality_flags}
+    record: dict[str, Any] = {"runs": identification.names, "quality_flags": identification.quality_flags}
     with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
         save_ship(identification.ship, folder, made_by=made_by(args), **record)
         write_ship_report(identification, trials, checks, folder, **made)

@@ -97,8 +97,9 @@ class Grid:
     def task(self, cell: Cell, seed: int, block: str = "") -> Task:
         """Task of one seed of a cell."""
         ship, manoeuvre = self.ships[cell.ship], self.manoeuvres[cell.manoeuvre]
-        settings: dict[str, Any] = {"duration": self.duration, "block": block, "own": self.own.get(cell.method)}
-        return Task(ship, manoeuvre, cell.noise, cell.level, cell.method, seed, self.root_seed, **settings)
+        kind: dict[str, Any] = {"noise": cell.noise, "level": cell.level, "method": cell.method}
+        kind |= {"own": self.own.get(cell.method), "duration": self.duration, "block": block}
+        return Task(ship, manoeuvre, **kind, seed=seed, root=self.root_seed)
 
     def record(self) -> dict:
         """The settings that the results depend on, saved with them."""

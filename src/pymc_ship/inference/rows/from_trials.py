@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -125,7 +126,8 @@ def _difference_rows(
     acceleration = np.zeros((len(VELOCITIES), speed.size))
     for k, name in enumerate(VELOCITIES):
         if name in record:
-            acceleration[k] = differentiate(record[name], step, method=derivative) / row_scale(k, speed, L)
+            unit: Any = row_scale(k, speed, L)  # type: ignore[arg-type]  # compiled for arrays too
+            acceleration[k] = differentiate(record[name], step, method=derivative) / unit
     index = DOFS.index(dof)
     response = vessel.inertia_matrix[index] @ acceleration - known_forces[index]
     begin, end = _WITHOUT_DIFFERENCE.get(derivative, (0, 0))

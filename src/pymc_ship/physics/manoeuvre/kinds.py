@@ -57,6 +57,14 @@ class Index:
         return UNITS[self.quantity]
 
 
+def _no_indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
+    return {}
+
+
+def _no_limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
+    return ()
+
+
 @dataclass(frozen=True)
 class ManoeuvreKind:
     """A kind of manoeuvre: options, indices, limits and recognition.
@@ -92,8 +100,8 @@ class ManoeuvreKind:
     title: str = ""
     second_execute_factor: float | None = None
     indices: Mapping[str, Index] = field(default_factory=dict)
-    measure: Callable[[Record, Mapping[str, Any]], dict[str, float]] = lambda record, attrs: {}
-    limits: Callable[[Mapping[str, Any], float], Sequence[Limit]] = lambda attrs, ratio: ()
+    measure: Callable[[Record, Mapping[str, Any]], dict[str, float]] = _no_indices
+    limits: Callable[[Mapping[str, Any], float], Sequence[Limit]] = _no_limits
     recognise: Callable[[SteeringRecord], tuple[tuple[float, ...], str] | None] | None = None
     reach: float = 40.0
     swings: bool = False
