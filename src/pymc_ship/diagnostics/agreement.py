@@ -29,8 +29,6 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
 
     A z-score is the error of an estimate over its Monte Carlo standard error; for a quantile, of the fraction of draws
     below it. The limit on every ``|z|`` is the two-sided normal quantile at ``LEVEL`` over the number of comparisons.
-    ValueError without a posterior, for other coefficients than those of the exact posterior, or for errors that are not
-    normal. Vehtari, Gelman, Simpson, Carpenter & Buerkner (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221.
 
     Parameters
     ----------
@@ -50,6 +48,16 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
         ``mcse_mean``, ``mcse_sd``, ``share_below``; ``z_mean``, ``z_sd``, ``z_quantile``; ``r_hat``, ``ess_bulk``,
         ``ess_tail``; per method ``divergences`` (NaN where unknown), ``largest_z`` and ``agrees``: every z within
         ``attrs["z_limit"]``, R-hat at most 1.01 and no divergence. ``attrs["verdict"]`` is the sentence on them.
+
+    Raises
+    ------
+    ValueError
+        Without a posterior, for other coefficients than those of the exact posterior, or for errors that are not
+        normal.
+
+    References
+    ----------
+    Vehtari, Gelman, Simpson, Carpenter & Buerkner (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221.
 
     Examples
     --------

@@ -60,9 +60,6 @@ def diagnostic_report(
 ) -> Path:
     """Write the diagnostic report of saved posteriors.
 
-    ValueError when there is no tree, or one is no posterior of this package; VesselError for a vessel that cannot be
-    read or is another than that of a posterior; OutputError when the folder cannot be written.
-
     Parameters
     ----------
     trees : mapping of str to DataTree
@@ -82,6 +79,15 @@ def diagnostic_report(
     -------
     Path
         The page, ``out/diagnostics.html``; it names a convergence diagnostic that fails.
+
+    Raises
+    ------
+    ValueError
+        When there is no tree, or one is no posterior of this package.
+    VesselError
+        For a vessel that cannot be read or is another than that of a posterior.
+    OutputError
+        When the folder cannot be written.
     """
     ship = None if vessel is None else as_vessel(vessel)
     check_posteriors(trees, ship)

@@ -72,15 +72,18 @@ def nominal_revolution_tests(tests: xr.Dataset, vessel: Vessel) -> xr.Dataset:
 def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) -> CaptiveFit:
     """Fit coefficients to captive tests under a prior.
 
-    InferenceError or TrialError for a prior without a scale of some coefficient; if a polynomial model has no test at
-    the nominal revolutions.
-
     Parameters
     ----------
     tests : Dataset, dims (test,)
         From :func:`pymc_ship.read_captive`.
+    vessel : Vessel, str or Path
     prior : CoefficientPrior
         With a finite scale of every coefficient. The nominal revolutions on the carriage are estimated.
+
+    Raises
+    ------
+    InferenceError, TrialError
+        For a prior without a scale of some coefficient; if a polynomial model has no test at the nominal revolutions.
 
     Examples
     --------

@@ -43,14 +43,14 @@ _KEYS = {"rudder_positive", "reference", "forces", "froude", "facility", "delimi
 def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | Mapping | None = None) -> xr.Dataset:
     """Read captive tests from a text file.
 
-    Headings, with the unit in brackets: drift angle ``beta``, rudder angle ``delta``, yaw rate ``r`` (without a unit r'
-    = r L / U), speed ``U`` or ``speed``, revolutions ``n``, ``rps`` or ``rpm``, and the prime forces ``X'``, ``Y'`` and
-    ``N'``, over rho/2 L^2 U^2 (N' by L more) at the speed of that row. A missing column of motion is 0; missing
-    revolutions are the nominal ones. TrialError for a file, heading, unit or cell that cannot be read, speeds far from
-    the nominal one, and forces that no ship has: by their scale, sign or inertia, or not measured.
+    Headings, with the unit in brackets: drift angle ``beta``, rudder angle ``delta``, yaw rate ``r`` (without a unit
+    r' = r L / U), speed ``U`` or ``speed``, revolutions ``n``, ``rps`` or ``rpm``, and the prime forces ``X'``, ``Y'``
+    and ``N'``, over rho/2 L^2 U^2 (N' by L more) at the speed of that row. A missing column of motion is 0; missing
+    revolutions are the nominal ones.
 
     Parameters
     ----------
+    path : str or Path
     vessel : Vessel, str or Path
         For L and the nominal speed.
     format : str, Path or mapping, optional
@@ -61,6 +61,12 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     Dataset, dims (test,)
         u, v [m/s], r [rad/s] and delta [rad] of the full-scale ship about its origin, n [1/s] if measured, and the
         prime forces. ``attrs["reading"]`` has a line for each conversion.
+
+    Raises
+    ------
+    TrialError
+        For a file, heading, unit or cell that cannot be read, speeds far from the nominal one, and forces that no ship
+        has: by their scale, sign or inertia, or not measured.
 
     Examples
     --------

@@ -36,14 +36,11 @@ def identifiability(
 ) -> xr.Dataset:
     """How well runs determine every coefficient.
 
-    FitError or TrialError if a simulation diverges; for no run, wrong numbers of noises, states or coefficients, or
-    unusable trials. Maine & Iliff (1986), NASA RP-1168; Van Trees (1968), Detection, Estimation and Modulation Theory
-    I, sec. 2.4; Gill & Levit (1995), doi:10.2307/3318681.
-
     Parameters
     ----------
     runs : Dataset, Run, or sequence of them
         Measured trials, or simulated ones with ``noise_sd``.
+    vessel : Vessel, str or Path
     prior : CoefficientPrior, optional
         Its scales with factors tau of 1; flat by default.
     coefficients : array_like, shape (n_coefficients,), optional
@@ -62,6 +59,16 @@ def identifiability(
         coefficient): unidentified directions, unit vectors in prior sd (for a flat prior, in inverse norms of the
         sensitivities), the least known first; ``share`` (direction): posterior over prior variance, above one half.
         Attrs: ``n_determined`` directions, and ``condition_number`` of the sensitivities scaled to unit norm.
+
+    Raises
+    ------
+    FitError, TrialError
+        If a simulation diverges; for no run, wrong numbers of noises, states or coefficients, or unusable trials.
+
+    References
+    ----------
+    Maine & Iliff (1986), NASA RP-1168; Van Trees (1968), Detection, Estimation and Modulation Theory I, sec. 2.4;
+    Gill & Levit (1995), doi:10.2307/3318681.
 
     Examples
     --------

@@ -44,10 +44,12 @@ def simulation_based_calibration(
     ----------
     data : RegressionData
         Design and scaling; the response is simulated.
+    prior : Prior
     sample : callable, optional
         ``sample(data, prior, draws, rng)`` returns independent :data:`Draws`.
     simulations, draws : int, optional
         Number of simulated data sets, and of posterior draws for each.
+    rng : int, SeedSequence or Generator
 
     Returns
     -------

@@ -75,13 +75,11 @@ def identify(
 ) -> Identification:
     """Identify a vessel's coefficients from a trial.
 
-    TrialError, InferenceError or ValueError for an unusable trial, an unknown family or selection, or Bayesian
-    optimisation without ``rng``.
-
     Parameters
     ----------
     trial : Dataset, dims (time,)
         Denoised if accelerations are differences; as measured for the weak form.
+    vessel : Vessel, str or Path
     families : sequence of str, optional
         Names of prior families, registered ones included.
     selection : {"evidence", "bayesian_optimisation"}, optional
@@ -89,8 +87,14 @@ def identify(
         :func:`~pymc_ship.inference.regression.tune.tune_prior`, which needs ``rng``.
     interval, derivative : optional
         As :func:`pymc_ship.regression_data`, the interval 1 s by default.
+    rng : int, SeedSequence or Generator, optional
     progress : callable, optional
         Called with a short text before each step.
+
+    Raises
+    ------
+    TrialError, InferenceError, ValueError
+        For an unusable trial, an unknown family or selection, or Bayesian optimisation without ``rng``.
 
     Warns
     -----
@@ -151,8 +155,6 @@ def regression_draws(
 def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: int = 4000, rng: Seed) -> xr.Dataset:
     """Coefficients pooled over draws of the rows: multiple imputation of Rubin (1987).
 
-    InferenceError for fewer than two draws, or rows of different coefficients.
-
     Parameters
     ----------
     rows : sequence of RegressionData
@@ -161,12 +163,18 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
         Of the scaled coefficients.
     draws : int, optional
         Draws from the mixture for its quantiles, equally many of each posterior.
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
     Dataset, dims (coefficient,)
         Original scale: ``mean``; ``within_sd``, the posterior sd for known rows; ``between_sd`` of the means over the m
         draws; ``sd`` by Rubin's rule, within^2 + (1 + 1/m) between^2; ``lower``, ``upper``: equal-tailed 90 % interval.
+
+    Raises
+    ------
+    InferenceError
+        For fewer than two draws, or rows of different coefficients.
     """
     rng, names = random_generator(rng), {data.coefficients for data in rows}
     if len(rows) < 2 or len(names) > 1:

@@ -26,16 +26,21 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
 
     Means and sds are in the units of the original columns. Under a conjugate prior the sd is the marginal one,
     (E[sigma2] V)^(1/2), and scales with the noise of the data: set shape and scale to the expected noise, or use a
-    semi-conjugate prior, whose sd does not depend on it. InferenceError for unknown names, values that are not finite,
-    an sd that is not positive, the constant of centred columns, or a conjugate prior whose noise variance has no mean
-    (shape <= 1).
+    semi-conjugate prior, whose sd does not depend on it.
 
     Parameters
     ----------
+    data : RegressionData
     prior : Prior
         Of the noise variance, and of the coefficients that are not in the table.
     table : mapping of str to (float, float)
         Mean and standard deviation by name of coefficient.
+
+    Raises
+    ------
+    InferenceError
+        For unknown names, values that are not finite, an sd that is not positive, the constant of centred columns, or
+        a conjugate prior whose noise variance has no mean (shape <= 1).
     """
     check_prior(prior)
     _check_names(table, data.coefficients)
@@ -65,12 +70,18 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
 
     Their part of the response is subtracted. The other columns keep their scale; they lose their centres if the
     constant is fixed. A prior with vectors must be made for the new data. :func:`restore_fixed` adds the coefficients
-    to a posterior. InferenceError for unknown names, values that are not finite, or when no coefficient is left.
+    to a posterior.
 
     Parameters
     ----------
+    data : RegressionData
     values : mapping of str to float
         Value in the units of the original columns by name of coefficient.
+
+    Raises
+    ------
+    InferenceError
+        For unknown names, values that are not finite, or when no coefficient is left.
     """
     _check_names(values, data.coefficients)
     fixed = {name: _number(name, value) for name, value in values.items()}
@@ -96,11 +107,11 @@ def restore_fixed(
 ) -> xr.DataTree:
     """Posterior of :func:`hold_fixed` data with the fixed coefficients added.
 
-    A diagnostic report is of the free ones: the r-hat of a constant is not defined. InferenceError for values that are
-    not finite, coefficients that the posterior has already, or an incomplete order.
+    A diagnostic report is of the free ones: the r-hat of a constant is not defined.
 
     Parameters
     ----------
+    tree : DataTree
     values : mapping of str to float
         As given to :func:`hold_fixed`.
     coefficients : sequence of str, optional
@@ -110,6 +121,11 @@ def restore_fixed(
     -------
     DataTree
         A copy; its attr ``fixed`` has the values as JSON.
+
+    Raises
+    ------
+    InferenceError
+        For values that are not finite, coefficients that the posterior has already, or an incomplete order.
     """
     posterior = tree["posterior"].to_dataset()
     free = [str(name) for name in posterior["coefficient"].values]
@@ -136,14 +152,18 @@ def restore_fixed(
 def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0.3) -> Prior:
     """Prior whose scale falls with the order of the term.
 
-    InferenceError for damping outside (0, 1] or names that are not a letter and a term.
-
     Parameters
     ----------
+    data : RegressionData
     prior : Prior
         Its kappa is that of the terms of order 0 and 1; ``Yv|v|`` is of order 2.
     damping : float, optional
         Factor of the prior sd (on the scaled columns) for each order; in (0, 1].
+
+    Raises
+    ------
+    InferenceError
+        For damping outside (0, 1] or names that are not a letter and a term.
     """
     check_prior(prior)
     factor = _number("damping", damping)
@@ -166,8 +186,6 @@ def sister_ship_table(
 ) -> dict[str, tuple[float, float]]:
     """Table for :func:`informed_prior` from the reference coefficients of another vessel.
 
-    VesselError or InferenceError when the vessel has no such DOF; for numbers negative or not finite, or an sd of 0.
-
     Parameters
     ----------
     vessel : Vessel, str or Path
@@ -184,6 +202,11 @@ def sister_ship_table(
     -------
     dict of str to (float, float)
         Mean and sd by name, with the constant (``Y0``) if the sister has one; drop it for centred columns.
+
+    Raises
+    ------
+    VesselError, InferenceError
+        When the vessel has no such DOF; for numbers negative or not finite, or an sd of 0.
     """
     vessel = as_vessel(vessel)
     reference = vessel.coefficients(dof)

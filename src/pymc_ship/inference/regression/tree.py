@@ -94,18 +94,23 @@ def exact_posterior(
 ) -> xr.DataTree:
     """Independent draws from the exact posterior as a DataTree.
 
-    InferenceError or ValueError for no prior, or vectors of the wrong length; for ``draws`` that are no positive
-    multiple of ``chains``.
-
     Parameters
     ----------
+    data : RegressionData
+    prior : Prior
     draws, chains : int, optional
         Total number of draws, and number of chains that they are laid out in.
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
     DataTree
         As :func:`draws_tree`.
+
+    Raises
+    ------
+    InferenceError, ValueError
+        For no prior, or vectors of the wrong length; for ``draws`` that are no positive multiple of ``chains``.
     """
     rng = random_generator(rng)
     check_prior(prior)
@@ -161,8 +166,11 @@ def provenance(work: str) -> dict[str, str]:
 def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     """Write a posterior to NetCDF (``.nc``) or Zarr (``.zarr``), with a checksum.
 
-    ValueError or OutputError for another ending of the path, or contents that such files do not have, such as a stacked
-    dim; for a folder that cannot be written.
+    Raises
+    ------
+    ValueError, OutputError
+        For another ending of the path, or contents that such files do not have, such as a stacked dim; for a folder
+        that cannot be written.
     """
     path = Path(path)
     if path.suffix not in FILES:

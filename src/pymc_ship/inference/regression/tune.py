@@ -92,6 +92,7 @@ def tune_prior(
 
     Parameters
     ----------
+    data : RegressionData
     family : str, optional
         ``"conjugate"``, ``"semiconjugate"`` or a registered family.
     evaluations : int, optional
@@ -100,6 +101,7 @@ def tune_prior(
         As :func:`~pymc_ship.inference.regression.cross_validation.cross_validation`.
     box : dict of str to (float, float), optional
         Bounds of ``shape``, ``noise_variance`` (scale / shape) and ``kappa``; the ``box`` of the family by default.
+    rng : int, SeedSequence or Generator
 
     Warns
     -----
@@ -147,11 +149,11 @@ def maximise_evidence(
 ) -> tuple[Prior, float]:
     """Prior of maximum evidence (empirical Bayes) in a box.
 
-    The log of a weak hyperprior of the shape is added. InferenceError for an unknown family, or a box with other names
-    or with bounds not positive and increasing.
+    The log of a weak hyperprior of the shape is added.
 
     Parameters
     ----------
+    data : RegressionData
     family, box : optional
         As :func:`tune_prior`.
 
@@ -160,6 +162,11 @@ def maximise_evidence(
     prior : Prior
         With mean zero.
     log_evidence : float
+
+    Raises
+    ------
+    InferenceError
+        For an unknown family, or a box with other names or with bounds not positive and increasing.
 
     Warns
     -----

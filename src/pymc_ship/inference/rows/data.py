@@ -73,8 +73,6 @@ class RegressionData:
         """Regression data from a formula of Bambi (doi:10.18637/jss.v103.i15) and a table of its variables.
 
         Needs formulae, which ``pymc-ship[formula]`` installs. Posteriors of these data predict from new tables.
-        InferenceError without formulae, for a formula with group-level terms or that does not fit, and as
-        :meth:`from_arrays`.
 
         Parameters
         ----------
@@ -84,6 +82,11 @@ class RegressionData:
             Without gaps in the columns of the formula.
         scaling, time, **labels
             As :meth:`from_arrays`.
+
+        Raises
+        ------
+        InferenceError
+            Without formulae, for a formula with group-level terms or that does not fit, and as :meth:`from_arrays`.
         """
         design_matrix, response, parsed_formula = formula_rows(formula, frame)
         check_same_rows(frame, time, "time")
@@ -104,9 +107,6 @@ class RegressionData:
     ) -> RegressionData:
         """Regression data from plain arrays, or from a table.
 
-        InferenceError for wrong shapes, values masked, missing, complex or not finite, missing or repeated names,
-        z-scored columns or response without variation, or a table and a response of different index.
-
         Parameters
         ----------
         design_matrix : array_like, shape (n_rows, n_terms), or DataFrame
@@ -120,6 +120,12 @@ class RegressionData:
             Coordinate [s] and run of each row.
         **labels : str
             The attributes from ``dof`` to ``record_remarks``.
+
+        Raises
+        ------
+        InferenceError
+            For wrong shapes, values masked, missing, complex or not finite, missing or repeated names, z-scored
+            columns or response without variation, or a table and a response of different index.
         """
         rounding = _rounding(design_matrix.to_numpy() if is_frame(design_matrix) else design_matrix)
         if is_frame(design_matrix):

@@ -40,9 +40,6 @@ def regression_data(
 
     Differences need a denoised trial. The weak form takes the trial as measured: its rows are means under test
     functions of 0.55 L/U. Rows closer than 0.22 L/U share noise, which the posterior ignores: too narrow intervals.
-    TrialError for missing channels, NaN, or time that is not uniform; for the weak form, a trial too short or too
-    coarse. InferenceError if the rudder never moves, the interval is no multiple of the sampling interval, or rows are
-    fewer than terms. ValueError or VesselError for an unknown derivative; when the vessel has no such DOF.
 
     Parameters
     ----------
@@ -62,6 +59,15 @@ def regression_data(
     -------
     RegressionData
         Prime values, z-scored; ``time`` is that of each run.
+
+    Raises
+    ------
+    TrialError
+        For missing channels, NaN, or time that is not uniform; for the weak form, a trial too short or too coarse.
+    InferenceError
+        If the rudder never moves, the interval is no multiple of the sampling interval, or rows are fewer than terms.
+    ValueError, VesselError
+        For an unknown derivative; when the vessel has no such DOF.
 
     Examples
     --------

@@ -33,9 +33,6 @@ def posterior_tree(
 ) -> xr.DataTree:
     """Posterior tree of the draws of a custom PyMC model.
 
-    ValueError for a tree without the coefficients, rows or response of the data, a model with several observed
-    variables, or a model without ``rng``.
-
     Parameters
     ----------
     sampled : DataTree
@@ -57,6 +54,12 @@ def posterior_tree(
     DataTree
         As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the groups of ``sampled`` or the model;
         attr ``method`` is ``nuts`` for any sampler.
+
+    Raises
+    ------
+    ValueError
+        For a tree without the coefficients, rows or response of the data, a model with several observed variables, or
+        a model without ``rng``.
     """
     rng = None if rng is None else random_generator(rng)
     if prior is not None:

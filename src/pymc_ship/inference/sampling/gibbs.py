@@ -83,22 +83,32 @@ def gibbs_posterior(
 ) -> xr.DataTree:
     """Posterior by Gibbs sampling, as a DataTree.
 
-    Xue et al. (2020), Algorithm 1 and Eq. 19-20, doi:10.1016/j.oceaneng.2019.106612; Gelfand & Smith (1990),
-    doi:10.1080/01621459.1990.10476213. InferenceError for vectors of the wrong length, or a family whose
-    ``noise_power`` is neither 0 nor 1; ValueError when draws or chains are not positive, or tune is negative.
-
     Parameters
     ----------
+    data : RegressionData
     prior : Prior
         On the scaled columns; mean and kappa may be vectors.
     draws, chains, tune : int, optional
         Draws of each chain, chains, and warm-up draws of each chain.
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
     DataTree
         As :func:`~pymc_ship.inference.regression.tree.draws_tree`: dims chain (``chains``), draw (``draws``),
         coefficient, row.
+
+    Raises
+    ------
+    InferenceError
+        For vectors of the wrong length, or a family whose ``noise_power`` is neither 0 nor 1.
+    ValueError
+        When draws or chains are not positive, or tune is negative.
+
+    References
+    ----------
+    Xue et al. (2020), Algorithm 1 and Eq. 19-20, doi:10.1016/j.oceaneng.2019.106612; Gelfand & Smith (1990),
+    doi:10.1080/01621459.1990.10476213.
     """
     rng = random_generator(rng)
     state = rng_state(rng)

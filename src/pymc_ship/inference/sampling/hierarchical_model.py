@@ -98,22 +98,27 @@ def hierarchical_posterior(
 ) -> xr.DataTree:
     """Posterior of :func:`hierarchical_model` by NUTS.
 
-    InferenceError for fewer than two groups, a run without one, a prior whose coefficients depend on the noise
-    variance, or vectors of the wrong length; ValueError for counts that are not positive, or an acceptance rate outside
-    0 to 1.
-
     Parameters
     ----------
     data, prior, groups, spread
         As :func:`hierarchical_model`.
     draws, chains, tune, target_accept, progress : optional
         As :func:`~pymc_ship.inference.sampling.regression_model.nuts_posterior`.
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
     DataTree
         As :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`. ``coefficients`` are the means over groups,
         with ``group_coefficients``, ``group_sd`` and ``group_noise_variance``.
+
+    Raises
+    ------
+    InferenceError
+        For fewer than two groups, a run without one, a prior whose coefficients depend on the noise variance, or
+        vectors of the wrong length.
+    ValueError
+        For counts that are not positive, or an acceptance rate outside 0 to 1.
 
     Examples
     --------

@@ -50,9 +50,6 @@ def predictive(
 def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = None, rng: Seed) -> xr.Dataset:
     """Posterior predictive distribution of new rows.
 
-    InferenceError for new rows of another shape, missing columns, values that are not finite; ValueError for a
-    posterior that is no regression of one response, or other data.
-
     Parameters
     ----------
     tree : DataTree
@@ -62,12 +59,20 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
         columns are ignored.
     data : RegressionData, optional
         Data of the fit; needed for the variables of a formula.
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
     Dataset
         ``expected`` (dims chain, draw, row), the response without error; ``response`` (likewise), with errors;
         ``mean`` and ``sd`` (dims row) of the response over the draws.
+
+    Raises
+    ------
+    InferenceError
+        For new rows of another shape, missing columns, values that are not finite.
+    ValueError
+        For a posterior that is no regression of one response, or other data.
 
     Examples
     --------
@@ -108,8 +113,6 @@ def with_predictive(
 ) -> xr.DataTree:
     """Posterior with prior and posterior predictive groups.
 
-    ValueError when draws is not positive, or the data are not those of the tree.
-
     Parameters
     ----------
     tree : DataTree
@@ -118,6 +121,7 @@ def with_predictive(
         Data of the fit.
     prior : Prior
         Prior of the fit.
+    rng : int, SeedSequence or Generator
     draws : int, optional
         Draws of the prior; each draw of the posterior has one prediction.
 
@@ -126,6 +130,11 @@ def with_predictive(
     DataTree
         With the groups prior (the variables of the posterior; one chain), prior_predictive and posterior_predictive
         (``response`` with dims chain, draw, row).
+
+    Raises
+    ------
+    ValueError
+        When draws is not positive, or the data are not those of the tree.
     """
     rng = random_generator(rng)
     check_prior(prior)

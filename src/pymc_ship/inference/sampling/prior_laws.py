@@ -16,13 +16,12 @@ from pymc_ship.machine.errors import InferenceError
 def horseshoe(data: RegressionData, given: dict, *, effective: float | None = None, slab: float = 10.0) -> tuple:
     """Regularised horseshoe: shrinks most coefficients towards zero.
 
-    b_j ~ N(0, tau^2 l_j^2), l_j^2 = c^2 lambda_j^2 / (c^2 + tau^2 lambda_j^2), lambda_j ~ C+(0, 1), tau ~ C+(0, tau_0),
-    c^2 ~ IG(2, 2 slab^2 sigma2), tau_0 = p_0 / (p - p_0) sigma / sqrt(n). InferenceError for ``effective`` outside (0,
-    n_terms). Piironen & Vehtari (2017), Electronic Journal of Statistics 11(2):5018, doi:10.1214/17-EJS1337SI, Eq. 2.8,
-    3.12.
+    b_j ~ N(0, tau^2 l_j^2), l_j^2 = c^2 lambda_j^2 / (c^2 + tau^2 lambda_j^2), lambda_j ~ C+(0, 1),
+    tau ~ C+(0, tau_0), c^2 ~ IG(2, 2 slab^2 sigma2), tau_0 = p_0 / (p - p_0) sigma / sqrt(n).
 
     Parameters
     ----------
+    data : RegressionData
     given : dict
         Keyword arguments of the variable of the coefficients.
     effective : float, optional
@@ -34,6 +33,15 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     -------
     tuple of pytensor variables
         Scaled coefficients and noise variance on the scaled response.
+
+    Raises
+    ------
+    InferenceError
+        For ``effective`` outside (0, n_terms).
+
+    References
+    ----------
+    Piironen & Vehtari (2017), Electronic Journal of Statistics 11(2):5018, doi:10.1214/17-EJS1337SI, Eq. 2.8, 3.12.
     """
     sigma2 = pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)
     expected = 0.5 * data.n_terms if effective is None else effective
@@ -55,10 +63,10 @@ def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: flo
     """R2-D2: a beta prior of the coefficient of determination.
 
     R2 ~ Beta(mean precision, (1 - mean) precision), phi ~ Dirichlet(share, ...), b_j ~ N(0, sigma2 phi_j R2/(1 - R2)).
-    Zhang, Naughton, Bondell & Reich (2022), JASA 117(538):862, doi:10.1080/01621459.2020.1825449.
 
     Parameters
     ----------
+    data : RegressionData
     given : dict
         Keyword arguments of the variable of the coefficients.
     mean, precision : float, optional
@@ -70,6 +78,10 @@ def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: flo
     -------
     tuple of pytensor variables
         Scaled coefficients and noise variance on the scaled response.
+
+    References
+    ----------
+    Zhang, Naughton, Bondell & Reich (2022), JASA 117(538):862, doi:10.1080/01621459.2020.1825449.
     """
     sigma2 = pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)
     explained = pm.Beta("r2", mean * precision, (1.0 - mean) * precision)

@@ -39,13 +39,11 @@ _NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
 def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Callable = "normal") -> pm.Model:
     """PyMC model of the regression.
 
-    Its log density is that of prior and original response. Xue et al. (2020), Eq. 12 and 18,
-    doi:10.1016/j.oceaneng.2019.106612; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516; Papaspiliopoulos,
-    Roberts & Skoeld (2007), doi:10.1214/088342307000000014. ValueError for other errors; InferenceError for AR(1)
-    errors on rows not uniformly spaced in time, or hyperparameter vectors of the wrong length.
+    Its log density is that of prior and original response.
 
     Parameters
     ----------
+    data : RegressionData
     prior : Prior or callable
         On the scaled columns; mean and kappa may be vectors. A custom prior is a function ``prior(data, given)``,
         called inside the model, that makes and returns the scaled coefficients (with ``**given``: dims and
@@ -61,6 +59,18 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
         ``autocorrelation``; data ``design_matrix`` and ``observed_response``; observed ``response`` (dims row);
         deterministic ``coefficients`` (dims coefficient) and ``noise_variance`` on the original scale, the squared
         scale for Student's t.
+
+    Raises
+    ------
+    ValueError
+        For other errors.
+    InferenceError
+        For AR(1) errors on rows not uniformly spaced in time, or hyperparameter vectors of the wrong length.
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 12 and 18, doi:10.1016/j.oceaneng.2019.106612; Abril-Pla et al. (2023), PyMC,
+    doi:10.7717/peerj-cs.1516; Papaspiliopoulos, Roberts & Skoeld (2007), doi:10.1214/088342307000000014.
 
     Examples
     --------
@@ -137,13 +147,9 @@ def nuts_posterior(
 ) -> xr.DataTree:
     """Posterior by the No-U-Turn sampler, as a DataTree.
 
-    Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516. ValueError for
-    counts that are not positive, an acceptance rate outside 0 to 1, other errors, or a sampler that is unknown or not
-    installed; InferenceError for AR(1) errors on rows not uniformly spaced in time, or hyperparameter vectors of the
-    wrong length.
-
     Parameters
     ----------
+    data : RegressionData
     prior : Prior or callable
         As :func:`pymc_model`.
     draws : int, optional
@@ -172,6 +178,18 @@ def nuts_posterior(
         :func:`~pymc_ship.inference.sampling.predictive.with_predictive`; and the parameter of the errors. The log
         likelihood of AR(1) errors is that of a row given those before it. Under a custom prior or likelihood as
         :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`.
+
+    Raises
+    ------
+    ValueError
+        For counts that are not positive, an acceptance rate outside 0 to 1, other errors, or a sampler that is unknown
+        or not installed.
+    InferenceError
+        For AR(1) errors on rows not uniformly spaced in time, or hyperparameter vectors of the wrong length.
+
+    References
+    ----------
+    Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516.
     """
     rng, sampler = random_generator(rng), _installed_sampler(sampler)
     state, seed = rng_state(rng), int(rng.integers(2**31))

@@ -36,13 +36,11 @@ def trajectory_model(
 ) -> pm.Model:
     """PyMC model of whole trajectories.
 
-    Maine & Iliff (1986), NASA RP-1168; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516. TrialError or
-    InferenceError for trials or priors that cannot be used; FitError when no mode is found.
-
     Parameters
     ----------
     trials : Dataset or sequence of Dataset, dims (time,)
         Raw records with ``delta`` and any of u, v, r, p, phi, psi, x, y; each run has its own initial state.
+    vessel : Vessel, str or Path
     prior : {"order_damped", "sister_ship", "flat"} or CoefficientPrior, optional
         See :func:`pymc_ship.coefficient_prior`.
     **settings
@@ -57,6 +55,17 @@ def trajectory_model(
         row, channel), the block means or, under Student's t noise, pseudo-data. Several runs: ``response_0`` (dims
         row_0, channel_0), ``response_1``, ... The prior is a potential, without prior
         predictive draws. The log density is minus infinity where the simulation diverges.
+
+    Raises
+    ------
+    TrialError, InferenceError
+        For trials or priors that cannot be used.
+    FitError
+        When no mode is found.
+
+    References
+    ----------
+    Maine & Iliff (1986), NASA RP-1168; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516.
     """
     return mode_model(trajectory_mode(trials, as_vessel(vessel), prior, **settings))
 
@@ -151,9 +160,7 @@ def trajectory_nuts_posterior(
 ) -> xr.DataTree:
     """Posterior of whole trajectories by NUTS.
 
-    A draw costs about ten simulations with sensitivities. Hoffman & Gelman (2014), JMLR 15:1593; Maine & Iliff (1986),
-    NASA RP-1168. TrialError or InferenceError for trials or priors that cannot be used; FitError when no mode is found;
-    ValueError for counts that are not positive.
+    A draw costs about ten simulations with sensitivities.
 
     Parameters
     ----------
@@ -171,6 +178,19 @@ def trajectory_nuts_posterior(
     DataTree
         As :func:`pymc_ship.trajectory_posterior`, without the attr ``pareto_khat``, with the group sample_stats as
         :func:`pymc_ship.nuts_posterior`; attr ``verdict`` has the divergent transitions and the largest R-hat.
+
+    Raises
+    ------
+    TrialError, InferenceError
+        For trials or priors that cannot be used.
+    FitError
+        When no mode is found.
+    ValueError
+        For counts that are not positive.
+
+    References
+    ----------
+    Hoffman & Gelman (2014), JMLR 15:1593; Maine & Iliff (1986), NASA RP-1168.
     """
     rng = random_generator(rng)
     check_settings({"draws": draws, "chains": chains, "tune": tune})

@@ -39,11 +39,7 @@ def trajectory_posterior(
 ) -> xr.DataTree:
     """Posterior of all coefficients from whole trajectories (output-error method, Laplace approximation).
 
-    Draws are not weighted; for a Pareto k-hat above 0.7 use :func:`pymc_ship.trajectory_nuts_posterior`. Maine & Iliff
-    (1986), NASA RP-1168; Tierney & Kadane (1986), doi:10.1080/01621459.1986.10478240; Vehtari et al. (2024), Pareto
-    smoothed importance sampling, JMLR 25(72). TrialError or InferenceError for trials or priors that cannot be used;
-    FitError for no trial, an unknown noise model, or when no start converges; ValueError when ``draws`` is no positive
-    multiple of ``chains``.
+    Draws are not weighted; for a Pareto k-hat above 0.7 use :func:`pymc_ship.trajectory_nuts_posterior`.
 
     Parameters
     ----------
@@ -55,6 +51,7 @@ def trajectory_posterior(
         See :func:`pymc_ship.coefficient_prior`.
     draws, chains : int, optional
         Total number of draws (independent), and number of chains for ArviZ.
+    rng : int, SeedSequence or Generator
     **settings
         ``channels`` to fit (default: those of u, v, r, p, phi there are), ``noise_sd`` of single samples by channel
         (default: from second differences), ``noise`` ("auto", "white", "ar1", "student_t"), ``offsets`` (True, False;
@@ -69,6 +66,20 @@ def trajectory_posterior(
         ``motion``, ``fitted``, ``prior_sd``, ``noise_sd`` of a sample, ``block_sd`` and ``correlation`` of the blocks).
         Attrs: noise model with its reason, mean chi2, Pareto k-hat, verdict, tau, starts that agree, fraction of
         diverged draws.
+
+    Raises
+    ------
+    TrialError, InferenceError
+        For trials or priors that cannot be used.
+    FitError
+        For no trial, an unknown noise model, or when no start converges.
+    ValueError
+        When ``draws`` is no positive multiple of ``chains``.
+
+    References
+    ----------
+    Maine & Iliff (1986), NASA RP-1168; Tierney & Kadane (1986), doi:10.1080/01621459.1986.10478240; Vehtari et al.
+    (2024), Pareto smoothed importance sampling, JMLR 25(72).
 
     Examples
     --------

@@ -113,8 +113,6 @@ def coefficient_prior(
 ) -> CoefficientPrior:
     """Prior of all coefficients of a vessel, by kind.
 
-    InferenceError for an unknown kind, a relative sd or a table's sd that is not positive, or unknown names.
-
     Parameters
     ----------
     trials : sequence of Dataset
@@ -131,6 +129,15 @@ def coefficient_prior(
         Mean and sd of single coefficients by name, prime values; overrides the vessel file.
     relative_sd : float, optional
         Relative scale of a sister ship's coefficients.
+
+    Returns
+    -------
+    CoefficientPrior
+
+    Raises
+    ------
+    InferenceError
+        For an unknown kind, a relative sd or a table's sd that is not positive, or unknown names.
     """
     vessel, trials = as_vessel(vessel), trial_list(trials)
     if kind not in KINDS or not 0.0 < relative_sd < np.inf:

@@ -99,9 +99,6 @@ def design(
 ) -> xr.Dataset:
     """Next runs that reduce the intervals of target manoeuvres most.
 
-    SimulationError for a count below one, or without a candidate that has indices and sea room, a target that nine
-    tenths of the draws reach or, with wind, a term set with wind forces.
-
     Parameters
     ----------
     ship : Ship
@@ -128,6 +125,12 @@ def design(
         ``width_ratio`` (step, candidate): width of the target intervals over that of today, geometric mean; NaN
         without enough sea room. ``sea_room`` (candidate) [m]. ``chosen`` (step). ``half_width`` (stage, target) of
         intervals of 95 %, now and after each run, in the ``units`` of the target.
+
+    Raises
+    ------
+    SimulationError
+        For a count below one, or without a candidate that has indices and sea room, a target that nine tenths of the
+        draws reach or, with wind, a term set with wind forces.
 
     Examples
     --------

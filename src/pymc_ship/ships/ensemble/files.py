@@ -49,11 +49,9 @@ def save_ship(
 ) -> Path:
     """Write a ship to the folder ``model`` of a report.
 
-    OutputError when the folder cannot be written; VesselError for a ship without the likelihood of its runs, such as
-    that of a vessel file.
-
     Parameters
     ----------
+    ship : Ship
     out : str or Path
         Folder of the report, which must exist.
     made_by : str, optional
@@ -65,6 +63,13 @@ def save_ship(
     -------
     Path
         ``out/model`` with ``<terms>.toml`` (vessel, posterior means), ``<terms>.nc`` (draws) and ``ship.json``.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+    VesselError
+        For a ship without the likelihood of its runs, such as that of a vessel file.
     """
     members = [one for one in ship.members if len(one.draws)]
     known = [(one, one.likelihood) for one in members if one.likelihood is not None]
@@ -106,12 +111,15 @@ def save_ship(
 def load_ship(out: str | Path) -> Ship:
     """Read a ship from the folder of its report.
 
-    VesselError for a missing ship, another format, or a checksum that differs.
-
     Parameters
     ----------
     out : str or Path
         Written in :data:`FORMAT` or in one of the two formats before it.
+
+    Raises
+    ------
+    VesselError
+        For a missing ship, another format, or a checksum that differs.
     """
     settle(out)
     folder = Path(out) / FOLDER

@@ -99,13 +99,13 @@ class Ship:
     ) -> Ship:
         """Ship of the draws of a posterior.
 
-        VesselError for posteriors that do not fit the vessel; ValueError for fewer than two draws, or noise that is
-        invalid or of an unknown channel.
-
         Parameters
         ----------
+        vessel : Vessel, str or Path
         posteriors : DataTree or mapping of str to DataTree
             Joint posterior, or that of each DOF, of any method; a DOF without one has the vessel's reference values.
+        draws : int, optional
+        rng : int, SeedSequence or Generator
         noise_sd : mapping of str to float, optional
             Sensor noise sd by channel [SI]; default: that of a joint posterior.
 
@@ -113,6 +113,13 @@ class Ship:
         -------
         Ship
             Without model error: forecasts have the uncertainty of the coefficients only.
+
+        Raises
+        ------
+        VesselError
+            For posteriors that do not fit the vessel.
+        ValueError
+            For fewer than two draws, or noise that is invalid or of an unknown channel.
         """
         rng, vessel = random_generator(rng), as_vessel(vessel)
         if draws < 2:

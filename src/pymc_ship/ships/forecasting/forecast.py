@@ -48,14 +48,12 @@ def forecast(
 ) -> xr.DataTree:
     """Forecast a manoeuvre with one simulation for each draw.
 
-    FitError when fewer than two draws of a ship with model error are feasible; TrialError for an unknown facility, or a
-    motion of the runs that cannot be read; SimulationError for invalid settings, or revolutions or wind that no model
-    of the ship has; ValueError for fewer than two draws or ``ci_prob`` not in (0, 1).
-
     Parameters
     ----------
     ship : Ship, Vessel, str or Path
         A vessel is a ship of one draw.
+    manoeuvre : Manoeuvre
+    rng : int, SeedSequence or Generator
     draws : int, optional
         Largest number; the models of an ensemble keep their proportions.
     duration : float, optional
@@ -80,6 +78,17 @@ def forecast(
         the motion of the runs is known: ``share_outside`` and median ``distance`` over time, medians of
         :func:`.extrapolation` over symbol. Attrs: ``share_diverged``, ``share_refused`` (infeasible),
         ``share_extrapolated`` (NaN where unknown), and the sentences ``extrapolation`` and ``steering``.
+
+    Raises
+    ------
+    FitError
+        When fewer than two draws of a ship with model error are feasible.
+    TrialError
+        For an unknown facility, or a motion of the runs that cannot be read.
+    SimulationError
+        For invalid settings, or revolutions or wind that no model of the ship has.
+    ValueError
+        For fewer than two draws or ``ci_prob`` not in (0, 1).
 
     Examples
     --------

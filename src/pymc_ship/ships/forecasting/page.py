@@ -70,10 +70,9 @@ def write_forecast_page(
 ) -> Path:
     """Write the page of forecasts.
 
-    ValueError without a forecast, or for a trial that belongs to none; OutputError when the folder cannot be written.
-
     Parameters
     ----------
+    ship : Ship, Vessel, str or Path
     forecasts : mapping of str to DataTree
         From :func:`pymc_ship.forecast`, by the name of their section, such as ``"zigzag 10/10 port"``.
     out : str or Path
@@ -93,6 +92,13 @@ def write_forecast_page(
     -------
     Path
         ``out/forecast.html``, written after ``figures/forecast_*.png`` and ``tables/forecast_*.csv``.
+
+    Raises
+    ------
+    ValueError
+        Without a forecast, or for a trial that belongs to none.
+    OutputError
+        When the folder cannot be written.
     """
     ship = as_ship(ship)
     vessel = ship.vessel if vessel is None else as_vessel(vessel)

@@ -46,16 +46,15 @@ def prior_ships(
 ) -> xr.Dataset:
     """Simulate a manoeuvre with draws of a prior.
 
-    Gabry et al. (2019), J. R. Statist. Soc. A 182(2):389, doi:10.1111/rssa.12378; IMO (2002), resolution MSC.137(76).
-    InferenceError for a prior without a standard deviation, of another vessel or of no known form; VesselError,
-    SimulationError or ValueError for a prior that lacks coefficients of the vessel, settings that cannot run or fewer
-    than two draws.
-
     Parameters
     ----------
+    vessel : Vessel, str or Path
     prior : CoefficientPrior, DataTree or mapping of str to (RegressionData, Prior) or DataTree
         Prior of all coefficients (factors tau are 1), a tree with the group prior, or one of them for each DOF; a DOF
         that a mapping leaves out has the vessel's reference values.
+    manoeuvre : Manoeuvre
+    draws : int, optional
+    rng : int, SeedSequence or Generator
     duration : float, optional
         [s]; by default that of :func:`pymc_ship.forecast`.
     **settings
@@ -69,6 +68,17 @@ def prior_ships(
         ``growth_rate`` [U/L], the largest real part of the eigenvalues of linear sway, yaw and roll; the indices of
         the manoeuvre; ``coefficients`` (draw, coefficient). Attrs: ``share_...`` of each of :data:`SHARES` (a draw may
         count in several), ``fixed_dofs`` (at their reference values) and ``summary``, a sentence.
+
+    Raises
+    ------
+    InferenceError
+        For a prior without a standard deviation, of another vessel or of no known form.
+    VesselError, SimulationError, ValueError
+        For a prior that lacks coefficients of the vessel, settings that cannot run or fewer than two draws.
+
+    References
+    ----------
+    Gabry et al. (2019), J. R. Statist. Soc. A 182(2):389, doi:10.1111/rssa.12378; IMO (2002), resolution MSC.137(76).
     """
     rng, vessel, manoeuvre = random_generator(rng), as_vessel(vessel), one_manoeuvre(manoeuvre)
     if draws < 2:

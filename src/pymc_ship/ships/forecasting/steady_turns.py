@@ -34,6 +34,10 @@ def steady_turns(ship: ShipLike) -> xr.Dataset:
 
     Revolutions are those of the nominal speed.
 
+    Parameters
+    ----------
+    ship : Ship, Vessel, str or Path
+
     Returns
     -------
     Dataset, dims (draw, rate)

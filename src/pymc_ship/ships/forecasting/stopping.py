@@ -94,8 +94,6 @@ def stopping(
 ) -> xr.Dataset:
     """Simulate the stopping test with every draw.
 
-    SimulationError without a model with forces astern, or for revolutions or times out of range.
-
     Parameters
     ----------
     ship : Ship, Vessel, str or Path
@@ -113,6 +111,11 @@ def stopping(
         ``track_reach``, ``head_reach`` and ``lateral_deviation`` [m], positive to starboard, ``stopping_time`` [s] and
         ``heading_change`` [deg] from the order until u = 0, NaN where the ship does not stop within 150 L/U; ``x``,
         ``y`` [m] and ``u`` [m/s], NaN after the stop. Attrs: ``L`` and those of :class:`StoppingTest`.
+
+    Raises
+    ------
+    SimulationError
+        Without a model with forces astern, or for revolutions or times out of range.
 
     Examples
     --------

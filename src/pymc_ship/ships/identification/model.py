@@ -112,10 +112,6 @@ def identify_ship(
 ) -> ShipIdentification:
     """Identify a real ship from several trials, with model error.
 
-    TrialError for trials that are too short or lack a channel, or none; FitError when no term set can be fitted, or all
-    of them diverge; VesselError or InferenceError for unknown term sets or priors, the hull database without a draught,
-    or term sets or captive tests that an earlier ship excludes.
-
     Parameters
     ----------
     trials : sequence of Dataset, dims (time,)
@@ -135,8 +131,23 @@ def identify_ship(
         Captive tests from :func:`pymc_ship.read_captive`; their likelihood, with its own noise, joins the prior.
     draws : int, optional
         Of the whole ensemble.
+    rng : int, SeedSequence or Generator
     progress : callable, optional
         Called with a short text before each step.
+
+    Returns
+    -------
+    ShipIdentification
+
+    Raises
+    ------
+    TrialError
+        For trials that are too short or lack a channel, or none.
+    FitError
+        When no term set can be fitted, or all of them diverge.
+    VesselError, InferenceError
+        For unknown term sets or priors, the hull database without a draught, or term sets or captive tests that an
+        earlier ship excludes.
 
     Examples
     --------

@@ -130,9 +130,6 @@ def write_ship_report(
 ) -> Path:
     """Write the page of an identified ship.
 
-    TrialError for trials without names, or no trials; ValueError for other trials than those of the identification;
-    OutputError when the folder cannot be written.
-
     Parameters
     ----------
     result : ShipIdentification
@@ -162,6 +159,15 @@ def write_ship_report(
     -------
     Path
         ``out/index.html``, written after ``out/figures`` and ``out/tables``.
+
+    Raises
+    ------
+    TrialError
+        For trials without names, or no trials.
+    ValueError
+        For other trials than those of the identification.
+    OutputError
+        When the folder cannot be written.
     """
     trials = named_trials(trials)
     if tuple(trials) != result.names:

@@ -45,9 +45,6 @@ def replay(
 ) -> xr.DataTree:
     """Simulate a ship along the measured inputs of a record.
 
-    TrialError for missing channels, or a start or duration outside the record; ValueError for no draws, or ``ci_prob``
-    not in (0, 1).
-
     Parameters
     ----------
     ship : Ship, Vessel, str or Path
@@ -68,6 +65,13 @@ def replay(
     DataTree
         ``trajectories`` (dims draw, time), ``predictive``, the same with model error, ``bands`` (dims band, time) of
         ``predictive``, and ``measured`` (dims time). Diverged draws are NaN; ``share_diverged`` in attrs.
+
+    Raises
+    ------
+    TrialError
+        For missing channels, or a start or duration outside the record.
+    ValueError
+        For no draws, or ``ci_prob`` not in (0, 1).
 
     Examples
     --------
@@ -124,10 +128,9 @@ def score(
 ) -> xr.Dataset:
     """Score of replays in windows.
 
-    TrialError for a record shorter than a window, and as :func:`replay`.
-
     Parameters
     ----------
+    ship : Ship, Vessel, str or Path
     trials : Dataset or sequence of Dataset
         Records as for :func:`replay`.
     names : sequence of str, optional
@@ -146,6 +149,11 @@ def score(
         over the motion within windows); ``coverage`` of the bands with measurement noise; ``crps`` (SI; position: mean
         distance of the draws). By run ``windows``, ``diverged`` windows and ``score``, the mean of ``relative``, NaN
         with a diverged window. Attr ``score``: mean over the runs.
+
+    Raises
+    ------
+    TrialError
+        For a record shorter than a window, and as :func:`replay`.
 
     Examples
     --------
@@ -193,8 +201,6 @@ def score_indices(
 ) -> xr.Dataset:
     """Measured and forecast indices of recorded manoeuvres.
 
-    TrialError for a trial that lacks a channel.
-
     Parameters
     ----------
     ship, trials, names
@@ -212,6 +218,11 @@ def score_indices(
         ``sd`` of the error, with the model error at this distance; all sds are 0 for a vessel.
         Coordinates ``manoeuvre`` (run), ``quantity`` and ``units`` (index). Records of no standard
         manoeuvre are left out.
+
+    Raises
+    ------
+    TrialError
+        For a trial that lacks a channel.
     """
     rng, ship, trials = random_generator(rng), as_ship(ship), trial_list(trials)
     names = names or [str(k + 1) for k in range(len(trials))]

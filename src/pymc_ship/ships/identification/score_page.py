@@ -43,10 +43,9 @@ def write_score_page(
 ) -> Path:
     """Write the page of a score.
 
-    TrialError for trials without names, or no trials; OutputError when the folder cannot be written.
-
     Parameters
     ----------
+    ship : Ship, Vessel, str or Path
     trials : mapping of str to Dataset
         Scored records, by name.
     scores : Dataset
@@ -64,6 +63,13 @@ def write_score_page(
     -------
     Path
         ``out/score.html``; its figures and tables are in folders there.
+
+    Raises
+    ------
+    TrialError
+        For trials without names, or no trials.
+    OutputError
+        When the folder cannot be written.
     """
     ship, trials = as_ship(ship), named_trials(trials)
     rows, runs = channel_rows(scores), run_rows(scores)

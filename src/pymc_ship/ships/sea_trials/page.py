@@ -47,8 +47,6 @@ _WIND = heads(str, run="run") | heads(fixed_point(1), speed="speed [m/s]") | hea
 def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship.trial_report(...)") -> Path:
     """Write the report of a sea trial.
 
-    OutputError when the folder cannot be written.
-
     Parameters
     ----------
     result : SeaTrial
@@ -62,6 +60,11 @@ def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship
     -------
     Path
         ``out/sea_trial.html``; its figures and tables are in folders there.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
 
     Examples
     --------

@@ -77,9 +77,6 @@ def sea_trial(
 ) -> SeaTrial:
     """Indices of a sea trial, measured and corrected (IMO MSC/Circ.1053).
 
-    TrialError for unreadable conditions, no standard manoeuvre, another loading without a modular model, or a record
-    without u, r, psi or delta.
-
     Parameters
     ----------
     trials : mapping of str to Dataset, or sequence of Dataset
@@ -97,6 +94,16 @@ def sea_trial(
         For the draws of the uncertainties.
     progress : callable, optional
         Called with a short text before each step.
+
+    Returns
+    -------
+    SeaTrial
+
+    Raises
+    ------
+    TrialError
+        For unreadable conditions, no standard manoeuvre, another loading without a modular model, or a record without
+        u, r, psi or delta.
 
     Examples
     --------
