@@ -14,7 +14,7 @@ import xarray as xr
 
 from pymc_ship.records.denoising.denoise import denoise, denoise_signal
 from pymc_ship.records.denoising.derivative import derivative
-from pymc_ship.records.denoising.ebayes import fit_prior, mad, shrink
+from pymc_ship.records.denoising.ebayes import ebayes_threshold, mad
 
 DATA = Path(__file__).parents[2] / "data" / "wavelet"
 SMOOTHED = ("u", "v", "r", "psi")
@@ -93,8 +93,7 @@ def test_details_are_thresholded_level_by_level(prior, scale, rule):
     observed = donoho_johnstone("bumps")[1]
     approximation, *details = pywt.wavedec(observed, "sym4", "periodization", level=3)
     sdev = mad(details[-1] - np.median(details[-1]))
-    fits = [fit_prior(detail / sdev, prior, scale)[:2] for detail in details]
-    details = [sdev * shrink(detail / sdev, *fit, rule) for detail, fit in zip(details, fits, strict=True)]
+    details = [ebayes_threshold(detail, prior, scale, sdev, rule).estimate for detail in details]
     expected = pywt.waverec([approximation, *details], "sym4", "periodization")
     options = {"scale": scale, "rule": rule, "levels": 3, "boundary": "periodic"}
     assert np.abs(denoise_signal(observed, "sym4", prior, False, **options) - expected).max() < 1e-11

@@ -9,7 +9,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.records.denoising import wavelets
-from pymc_ship.records.denoising.ebayes import posterior_draw, shrink
+from pymc_ship.records.denoising.ebayes import posterior_draw, posterior_mean, posterior_median, posterior_weight
 from pymc_ship.records.denoising.shrinkage import shrinkage
 from pymc_ship.trial.record import check_trial
 from tests.records.denoising.cases import SHAPES, classic
@@ -45,19 +45,16 @@ def coverage(name, *, translation_invariant):
 # the kernel
 
 
-@pytest.mark.parametrize("scale", [0.7, np.nan])
+@pytest.mark.parametrize("prior", ["laplace", "cauchy"])
 @pytest.mark.parametrize("weight", [0.05, 0.6, 1.0])
 @pytest.mark.parametrize("x", [0.0, 0.3, 2.0, 5.0, -8.0, 60.0])
-def test_draws_of_a_mean_have_its_posterior_mean_median_and_weight(scale, weight, x):
+def test_draws_of_a_mean_have_its_posterior_mean_median_and_weight(prior, weight, x):
     """Within four standard errors of 40 000 draws; the moments come from the closed forms, which R's numbers check."""
-    n = 40_000
-    drawn = posterior_draw(np.full(n, x), weight, scale, np.random.default_rng(5))
-    mean, slab_mean, median = (
-        float(shrink(x, share, scale, rule)) for share, rule in [(weight, "mean"), (1.0, "mean"), (weight, "median")]
-    )
-    if x != 0.0:
-        probability = mean / slab_mean  # of a mean that is not zero
-        assert abs(np.mean(drawn != 0.0) - probability) <= 4.0 * np.sqrt(probability * (1.0 - probability) / n) + 1e-12
+    n, scale = 40_000, 0.7
+    drawn = posterior_draw(np.full(n, x), weight, prior, scale, rng=np.random.default_rng(5))
+    probability = float(posterior_weight(x, weight, prior, scale))
+    assert abs(np.mean(drawn != 0.0) - probability) <= 4.0 * np.sqrt(probability * (1.0 - probability) / n)
+    mean, median = posterior_mean(x, weight, prior, scale), posterior_median(x, weight, prior, scale)
     assert abs(drawn.mean() - mean) <= 4.0 * drawn.std() / np.sqrt(n)
     for below in (drawn < median, drawn > median):
         assert np.mean(below) <= 0.5 + 4.0 * 0.5 / np.sqrt(n)
@@ -66,13 +63,13 @@ def test_draws_of_a_mean_have_its_posterior_mean_median_and_weight(scale, weight
 @pytest.mark.parametrize("prior", ["laplace", "cauchy"])
 def test_draws_of_a_mean_hold_means_of_the_prior_as_often_as_they_say(prior):
     """Truths of the prior, data of the truths: the rank of a truth among its draws is uniform; not with half the sd."""
-    rng, n, weight, scale = np.random.default_rng(6), 4000, 0.5, 0.5 if prior == "laplace" else np.nan
+    rng, n, weight, scale = np.random.default_rng(6), 4000, 0.5, 0.5
     slab = rng.laplace(scale=1.0 / scale, size=n) if prior == "laplace" else _quasi_cauchy(rng, n)
     truth = np.where(rng.random(n) < weight, slab, 0.0)
     x = truth + rng.standard_normal(n)
-    drawn = np.array([posterior_draw(x, weight, scale, rng) for _ in range(99)])
+    drawn = np.array([posterior_draw(x, weight, prior, scale, rng=rng) for _ in range(99)])
     ranks = (drawn < truth).sum(axis=0) + (rng.random(n) * (1 + (drawn == truth).sum(axis=0))).astype(int)
-    twin = np.array([posterior_draw(x, 1.0, scale, rng) for _ in range(99)])
+    twin = np.array([posterior_draw(x, 1.0, prior, scale, rng=rng) for _ in range(99)])
     wrong = (twin < truth).sum(axis=0) + (rng.random(n) * (1 + (twin == truth).sum(axis=0))).astype(int)
     assert _chi2(ranks) < _CHI2_LIMIT
     assert _chi2(wrong) > _CHI2_LIMIT  # the twin forgets that a mean may be zero
@@ -97,12 +94,13 @@ def _chi2(ranks):
 def test_the_mean_over_all_shifts_is_the_translation_invariant_estimate():
     noisy = classic("blocks")[:64] + np.random.default_rng(0).normal(size=64)
     shrunk = shrinkage(noisy, "signal", "sym4", "laplace", True, levels=2)
+    settings = [{"weight": weight, "scale": scale} for weight, scale in shrunk.fitted]
     estimates = []
     for shift in range(4):
         approximation, details = wavelets.transform(np.roll(shrunk.padded, -shift), shrunk.filters, 2, False)
         means = [
-            shrunk.sdev * shrink(detail / shrunk.sdev, weight, scale, "mean")
-            for detail, (weight, scale) in zip(details, shrunk.fitted, strict=True)
+            shrunk.sdev * posterior_mean(detail / shrunk.sdev, prior="laplace", **one)
+            for detail, one in zip(details, settings, strict=True)
         ]
         smooth = np.roll(wavelets.inverse(approximation, means, shrunk.filters, False), shift)
         estimates.append(smooth[shrunk.before : shrunk.before + 64] + shrunk.trend)

@@ -11,6 +11,7 @@ import pywt
 import pymc_ship as ps
 from pymc_ship.records.denoising.denoise import denoise, denoise_signal
 from pymc_ship.records.denoising.derivative import derivative
+from pymc_ship.records.denoising.ebayes import ebayes_threshold, posterior_mean, threshold_from_weight
 from tests.records.denoising.test_denoise import zigzag
 from tests.records.denoising.test_draws import record
 from tests.records.denoising.test_smoothers import observed
@@ -89,6 +90,20 @@ test_value_errors = wording(
     ),
     ("p missing", lambda: ps.denoise_draws(record(), draws=2, rng=np.random.default_rng(1), channels=["p"])),
     ("savgol needs 251 samples, found 250;", lambda: derivative(np.zeros(250), 0.02)),
+    ("A weight is a probability", lambda: threshold_from_weight(1.1)),
+    ("A weight is a probability", lambda: posterior_mean(1.0, -0.1)),
+    *(
+        (re.escape(sentence), lambda arguments=arguments: ebayes_threshold(**arguments))
+        for arguments, sentence in [
+            ({"x": [1.0], "prior": "gauss"}, "prior is one of laplace, cauchy; found 'gauss'"),
+            ({"x": [1.0], "rule": "none"}, "rule is one of median, mean, hard, soft; found 'none'"),
+            ({"x": [1.0], "threshold": "sure"}, "threshold is one of posterior_median, bayes_factor; found 'sure'"),
+            ({"x": []}, "finite observations, found none"),
+            ({"x": [1.0, np.nan, np.inf]}, "finite observations, found 2 that are not"),
+            ({"x": [1.0], "sdev": 0.0}, "noise standard deviation must be positive and finite, found 0.0"),
+            ({"x": [1.0], "scale": -1.0}, "scale must be positive and finite, found -1.0"),
+        ]
+    ),
     *(
         (re.escape(sentence), call)
         for arguments, sentence in [

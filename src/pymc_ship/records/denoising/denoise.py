@@ -34,9 +34,6 @@ def denoise(
 ) -> xr.Dataset:
     """Denoise the motion channels of a trial.
 
-    ValueError for a channel that is missing, not finite or not over time alone, uneven times, and as
-    :func:`denoise_signal`.
-
     Parameters
     ----------
     trial : Dataset
@@ -54,6 +51,11 @@ def denoise(
         Trial with denoised channels. Its attrs: ``denoised`` (names of the channels), ``denoise_wavelet``,
         ``denoise_transform``, ``denoise_prior`` and the options, or ``denoise_method`` of a smoother. Attrs of each
         channel: ``noise_sdev`` and the parameter of a smoother, such as ``denoise_window``.
+
+    Raises
+    ------
+    ValueError
+        For a channel that is missing, not finite or not over time alone, uneven times, and as :func:`denoise_signal`.
 
     Examples
     --------
@@ -116,14 +118,11 @@ def denoise_signal(
     levels: int | None = None,
     boundary: str = "reflect",
 ) -> np.ndarray:
-    """Denoise a uniformly sampled signal; the result has its shape.
+    """Denoise a uniformly sampled signal.
 
     Every level of detail has its own weight and scale; the noise sd is 1.4826 times the median absolute deviation,
     about the median, of the finest level where the signal moves, and at least step / 12^(1/2) for rounded values. A
     signal without noise is returned unchanged. A UserWarning where repeated values hide the noise.
-    ValueError for an unknown method, wavelet, prior, rule or boundary, levels out of range, options of another method,
-    or a signal that is too short, not one-dimensional or not finite. Johnstone & Silverman (2005), Ann. Statist.
-    33(4):1700, doi:10.1214/009053605000000345.
 
     Parameters
     ----------
@@ -143,6 +142,20 @@ def denoise_signal(
         Levels of detail; by default floor(log2(n_time)) - 3.
     boundary : {"reflect", "periodic"}, optional
         See :data:`~pymc_ship.records.denoising.wavelets.BOUNDARIES`. "periodic" needs a multiple of 2**levels samples.
+
+    Returns
+    -------
+    ndarray, shape (n_time,)
+
+    Raises
+    ------
+    ValueError
+        For an unknown method, wavelet, prior, rule or boundary, levels out of range, options of another method, or a
+        signal that is too short, not one-dimensional or not finite.
+
+    References
+    ----------
+    Johnstone & Silverman (2005), Ann. Statist. 33(4):1700, doi:10.1214/009053605000000345.
 
     Examples
     --------

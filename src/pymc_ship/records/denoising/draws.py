@@ -33,6 +33,8 @@ def denoise_draws(
     ----------
     trial, wavelet, prior, translation_invariant, channels
         As for :func:`pymc_ship.denoise`, with the same errors.
+    draws : int, optional
+    rng : int, SeedSequence or Generator
     **options
         ``scale``, ``levels``, ``boundary`` of :func:`pymc_ship.denoise_signal`.
 
@@ -89,6 +91,8 @@ def denoise_signal_draws(
     ----------
     y, wavelet, prior, translation_invariant
         As for :func:`pymc_ship.denoise_signal`, with the same errors.
+    draws : int, optional
+    rng : int, SeedSequence or Generator
     **options
         ``scale``, ``levels``, ``boundary`` of :func:`pymc_ship.denoise_signal`.
     """

@@ -1,22 +1,23 @@
 """Empirical-Bayes thresholding of noisy means, in units of the noise sd: Johnstone & Silverman (2004, 2005).
 
-A mean is 0 with probability 1 - w, else Laplace, (a/2) exp(-a|u|), or quasi-Cauchy, for which the scale a is NaN; w and
-a maximise the marginal likelihood. Ann. Statist. 32(4):1594, doi:10.1214/009053604000000030; J. Stat. Softw. 12(8),
-doi:10.18637/jss.v012.i08.
+A mean is 0 with probability 1 - w, else Laplace, (a/2) exp(-a|u|), or quasi-Cauchy; w and a maximise the marginal
+likelihood. Ann. Statist. 32(4):1594, doi:10.1214/009053604000000030; J. Stat. Softw. 12(8), doi:10.18637/jss.v012.i08.
 """
 
 from __future__ import annotations
 
 import math
 from contextlib import nullcontext
+from dataclasses import dataclass
 from threading import Lock
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pymc_ship.machine.arguments import finite_number
+from pymc_ship.machine.arguments import check_choice, finite_number, real_array
 from pymc_ship.records.denoising.spike_and_slab import (
+    beta_value,
     draw_value,
     fit_cauchy,
     fit_laplace,
@@ -24,12 +25,67 @@ from pymc_ship.records.denoising.spike_and_slab import (
     median_value,
     profile,
     threshold_value,
+    weight_at_threshold,
+    weight_value,
 )
 
 PRIORS = ("laplace", "cauchy")  # densities of the means that are not zero
 RULES = ("median", "mean", "hard", "soft")  # posterior median, posterior mean, hard and soft thresholding
 
+THRESHOLDS = ("posterior_median", "bayes_factor")
+"""`posterior_median`: the smallest |x| with a non-zero posterior median. `bayes_factor`: the |x| at which P(mean = 0 |
+x) = 1/2."""
+
 _COMPILING = Lock()
+
+
+@dataclass(frozen=True)
+class EbayesEstimate:
+    """Result of :func:`ebayes_threshold`: means, noise ``sdev`` and ``threshold`` in the units of the data.
+
+    ``weight`` is the probability that a mean is not zero, ``scale`` a in units of 1 / sdev (nan if quasi-Cauchy),
+    ``log_likelihood`` the marginal one, less that of weight 0.
+    """
+
+    estimate: np.ndarray
+    weight: float
+    scale: float
+    sdev: float
+    threshold: float
+    log_likelihood: float
+
+
+def ebayes_threshold(
+    x: ArrayLike,
+    prior: str = "laplace",
+    scale: float | None = 0.5,
+    sdev: float | None = 1.0,
+    rule: str = "median",
+    *,
+    universal_bound: bool = True,
+    threshold: str = "posterior_median",
+) -> EbayesEstimate:
+    """Estimate the means of independent normal observations, of any shape, of which many may be zero.
+
+    ``scale`` is a in units of 1 / sdev, None estimates it within :data:`SCALE_BOX`; ``sdev`` is that of the noise, None
+    takes 1.4826 times the median of abs(x) (if that is zero, the data return, with weight 1). ``universal_bound``: the
+    posterior-median threshold may not exceed sdev sqrt(2 log n). ``threshold`` is reported, and applied by the hard and
+    soft rules. ValueError for an unknown choice, data empty or not finite, a scale or sdev not positive.
+    """
+    values = _observations(x)
+    check_choice("The prior", prior, PRIORS)
+    check_choice("The rule", rule, RULES)
+    check_choice("The threshold", threshold, THRESHOLDS)
+    if sdev is None:
+        sdev = mad(values)
+        if sdev == 0.0:
+            return EbayesEstimate(values.copy(), 1.0, math.nan if scale is None else _code(prior, scale), 0.0, 0.0, 0.0)
+    sdev = _positive_number("noise standard deviation", sdev)
+    standard = values / sdev
+    weight, fitted, log_likelihood = fit_prior(standard, prior, scale, universal_bound=universal_bound)
+    limit = sdev * threshold_from_weight(weight, prior, fitted, threshold)
+    estimate = sdev * shrink(standard, weight, prior, fitted, rule, threshold=threshold)
+    return EbayesEstimate(estimate, weight, fitted, sdev, limit, log_likelihood)
 
 
 def mad(x: ArrayLike) -> float:
@@ -37,41 +93,125 @@ def mad(x: ArrayLike) -> float:
     return 1.4826 * float(np.median(np.abs(x)))
 
 
-def fit_prior(x: np.ndarray, prior: str, scale: float | None) -> tuple[float, float, float]:
-    """Weight, scale and log likelihood, less that of weight 0, of maximum marginal likelihood.
-
-    The posterior median is zero up to sqrt(2 log n) at most. A scale of None is estimated within :data:`SCALE_BOX`;
-    ValueError for one that is not positive.
-    """
-    size = np.abs(x).ravel()
-    bound = math.sqrt(2.0 * math.log(size.size))
+def fit_prior(
+    x: ArrayLike, prior: str = "laplace", scale: float | None = 0.5, *, universal_bound: bool = True
+) -> tuple[float, float, float]:
+    """Weight, scale and log likelihood of maximum marginal likelihood, as in :class:`EbayesEstimate` with sdev 1."""
+    check_choice("The prior", prior, PRIORS)
+    size = np.abs(_observations(x)).ravel()
+    bound = math.sqrt(2.0 * math.log(size.size)) if universal_bound else math.inf
     if prior == "cauchy":
         return fit_cauchy(size, bound)
-    if scale is None:
-        return fit_laplace(size, bound)
-    scale = finite_number("The scale", scale)
-    if scale <= 0.0:
+    if scale is not None:
+        scale = _positive_number("scale", scale)
+        weight, log_likelihood, _ = profile(size, scale, bound, 0.5, np.empty((3, size.size)))
+        return weight, scale, log_likelihood
+    return fit_laplace(size, bound)
+
+
+def shrink(
+    x: ArrayLike,
+    weight: float,
+    prior: str = "laplace",
+    scale: float = 0.5,
+    rule: str = "median",
+    *,
+    threshold: str = "posterior_median",
+) -> np.ndarray:
+    """Estimate of each mean under a known prior, by one of :data:`RULES`, in units of the noise."""
+    check_choice("The rule", rule, RULES)
+    if rule == "median":
+        return posterior_median(x, weight, prior, scale)
+    if rule == "mean":
+        return posterior_mean(x, weight, prior, scale)
+    limit = threshold_from_weight(weight, prior, scale, threshold)
+    values = real_array("The observations", x)
+    size = np.abs(values)
+    return np.where(size > limit, values, 0.0) if rule == "hard" else np.sign(values) * np.maximum(size - limit, 0.0)
+
+
+def beta_laplace(x: ArrayLike, scale: ArrayLike = 0.5) -> np.ndarray:
+    """Ratio of the marginal densities of x under Laplace means and zero means, minus 1: beta(x) of the papers."""
+    return _evaluate(beta_value, x, _code("laplace", scale))
+
+
+def beta_cauchy(x: ArrayLike) -> np.ndarray:
+    """Ratio of the marginal densities of x under quasi-Cauchy means and zero means, minus 1."""
+    return _evaluate(beta_value, x, math.nan)
+
+
+def posterior_weight(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
+    """Posterior probability that the mean behind x is not zero; x, weight and scale are broadcast."""
+    return _evaluate(weight_value, x, _probability(weight), _code(prior, scale))
+
+
+def posterior_mean(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
+    """Posterior mean of the mean behind x; x, weight and scale are broadcast."""
+    return _evaluate(mean_value, x, _probability(weight), _code(prior, scale))
+
+
+def posterior_median(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
+    """Posterior median of the mean behind x, zero within the threshold; x, weight and scale are broadcast."""
+    return _evaluate(median_value, x, _probability(weight), _code(prior, scale))
+
+
+def posterior_draw(
+    x: ArrayLike, weight: float, prior: str = "laplace", scale: float = 0.5, *, rng: np.random.Generator
+) -> np.ndarray:
+    """One posterior draw of the mean behind each x, in units of the noise: zero or from the slab."""
+    uniform = rng.random(np.shape(x))
+    normal = rng.standard_normal(np.shape(x)) if prior == "cauchy" else 0.0
+    return _evaluate(draw_value, x, _probability(weight), _code(prior, scale), uniform, normal)
+
+
+def weight_from_threshold(threshold: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
+    """Weight whose posterior median is zero up to the threshold (>= 0); broadcast with scale."""
+    return _evaluate(weight_at_threshold, threshold, _code(prior, scale))
+
+
+def threshold_from_weight(
+    weight: float, prior: str = "laplace", scale: float = 0.5, threshold: str = "posterior_median"
+) -> float:
+    """Threshold of a weight in [0, 1], one of :data:`THRESHOLDS`, in units of the noise; infinite for weight 0."""
+    check_choice("The threshold", threshold, THRESHOLDS)
+    code = _code(prior, scale)
+    return threshold_value(float(_probability(weight)), float(code), threshold == "bayes_factor")
+
+
+def _observations(x: ArrayLike) -> np.ndarray:
+    values = real_array("The observations", x)
+    if values.size == 0 or not np.isfinite(values).all():
+        fault = "none" if values.size == 0 else f"{np.count_nonzero(~np.isfinite(values))} that are not"
+        raise ValueError(f"Thresholding needs finite observations, found {fault}; leave out or fill the gaps first.")
+    return values
+
+
+def _positive_number(what: str, value: Any) -> float:
+    number = finite_number(f"The {what}", value)
+    _check_positive(what, number)
+    return number
+
+
+def _check_positive(what: str, value: Any) -> None:
+    if not np.all((np.asarray(value) > 0.0) & np.isfinite(value)):
         raise ValueError(
-            f"The scale must be positive and finite, found {scale}; give such a number, or None to fit it."
+            f"The {what} must be positive and finite, found {value}; give such a number, or None to fit it."
         )
-    weight, log_likelihood, _ = profile(size, scale, bound, 0.5, np.empty((3, size.size)))
-    return weight, scale, log_likelihood
 
 
-def shrink(x: np.ndarray, weight: Any, scale: Any, rule: str) -> np.ndarray:
-    """Estimate of each mean under a known prior, by one of :data:`RULES`; x, weight and scale are broadcast."""
-    if rule in ("median", "mean"):
-        return _evaluate(median_value if rule == "median" else mean_value, x, weight, scale)
-    limit = threshold_value(weight, scale)
-    size = np.abs(x)
-    return np.where(size > limit, x, 0.0) if rule == "hard" else np.sign(x) * np.maximum(size - limit, 0.0)
+def _probability(weight: Any) -> Any:
+    if not np.all((np.asarray(weight) >= 0.0) & (np.asarray(weight) <= 1.0)):
+        raise ValueError(f"A weight is a probability, found {weight}; give numbers in [0, 1].")
+    return weight
 
 
-def posterior_draw(x: np.ndarray, weight: float, scale: float, rng: np.random.Generator) -> np.ndarray:
-    """One posterior draw of the mean behind each x: zero or from the slab."""
-    uniform = rng.random(x.shape)
-    normal = rng.standard_normal(x.shape) if math.isnan(scale) else 0.0
-    return _evaluate(draw_value, x, weight, scale, uniform, normal)
+def _code(prior: str, scale: Any) -> Any:
+    """Scale argument of the kernels: nan for the quasi-Cauchy density."""
+    check_choice("The prior", prior, PRIORS)
+    if prior == "cauchy":
+        return math.nan
+    _check_positive("scale", scale)
+    return scale
 
 
 def _evaluate(kernel: np.ufunc, *arguments: ArrayLike) -> np.ndarray:

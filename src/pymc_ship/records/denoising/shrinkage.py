@@ -31,6 +31,7 @@ class Shrinkage:
     levels: int
     filters: pywt.Wavelet
     translation_invariant: bool
+    prior: str
     fitted: tuple[tuple[float, float], ...]
     sdev: float
 
@@ -40,7 +41,7 @@ class Shrinkage:
             return self.signal.copy()
         approximation, details = self._transform(self.padded, self.translation_invariant)
         smooth = [
-            self.sdev * shrink(detail / self.sdev, weight, scale, rule)
+            self.sdev * shrink(detail / self.sdev, weight, self.prior, scale, rule)
             for detail, (weight, scale) in zip(details, self.fitted, strict=True)
         ]
         return self._without_margins(wavelets.inverse(approximation, smooth, self.filters, self.translation_invariant))
@@ -54,7 +55,7 @@ class Shrinkage:
         # the coarsest approximation has a flat prior
         approximation = approximation + self.sdev * rng.standard_normal(approximation.size)
         detail_draws = [
-            self.sdev * posterior_draw(detail / self.sdev, weight, scale, rng)
+            self.sdev * posterior_draw(detail / self.sdev, weight, self.prior, scale, rng=rng)
             for detail, (weight, scale) in zip(details, self.fitted, strict=True)
         ]
         padded = np.roll(wavelets.inverse(approximation, detail_draws, self.filters, False), shift)
@@ -87,8 +88,7 @@ def shrinkage(
     trend = wavelets.end_trend(signal) if boundary == "reflect" else np.zeros(signal.size)
     padded = np.pad(signal - trend, (before, after), "symmetric")
     _, details = wavelets.transform(padded, filters, levels, translation_invariant)
-    # the coefficients of each level without those of the margins
-    inside = [d[before * d.size // padded.size : d.size - after * d.size // padded.size] for d in details]
+    inside = [detail[wavelets.inside(detail.size, padded.size, before, after)] for detail in details]
     sdev = _noise_sdev(signal, inside[-1], what)
     fitted = tuple(fit_prior(detail / sdev, prior, scale)[:2] for detail in inside) if sdev else ()
     return Shrinkage(
@@ -99,6 +99,7 @@ def shrinkage(
         levels=levels,
         filters=filters,
         translation_invariant=translation_invariant,
+        prior=prior,
         fitted=fitted,
         sdev=sdev,
     )

@@ -139,6 +139,20 @@ def _cauchy_median_near_zero(x: float, target: float) -> float:
 
 
 @vectorize(cache=True)
+def beta_value(x: float, a: float) -> float:
+    """Ratio of slab and null marginal densities, minus one."""
+    slab, _, _, s = _densities(abs(x), a)
+    return slab * math.exp(s) - 1.0 if s < 700.0 else slab * math.exp(s - 700.0) * math.exp(700.0)
+
+
+@vectorize(cache=True)
+def weight_value(x: float, w: float, a: float) -> float:
+    """Posterior probability that the mean is not zero."""
+    slab, _, null, _ = _densities(abs(x), a)
+    return w * slab / (w * slab + (1.0 - w) * null) if w > 0.0 else 0.0
+
+
+@vectorize(cache=True)
 def mean_value(x: float, w: float, a: float) -> float:
     """Posterior mean."""
     size = abs(x)
@@ -205,16 +219,23 @@ def draw_value(x: float, w: float, a: float, uniform: float, normal: float) -> f
     )
 
 
+@vectorize(cache=True)
+def weight_at_threshold(threshold: float, a: float) -> float:
+    """Prior weight whose posterior median is zero up to the threshold."""
+    _, odds, null, _ = _densities(threshold, a)
+    return null / (null + odds)
+
+
 @_jit
-def threshold_value(w: float, a: float) -> float:
-    """Smallest |x| with a non-zero posterior median: infinite for weight 0, zero for 1."""
+def threshold_value(w: float, a: float, bayes_factor: bool) -> float:
+    """Threshold of a prior weight: infinite for 0, zero for 1."""
     if w == 0.0 or w == 1.0:
         return math.inf if w == 0.0 else 0.0
     low, high = 0.0, 45.0 + (0.0 if math.isnan(a) else a)
     for _ in range(100):
         middle = 0.5 * (low + high)
-        _, odds, null, _ = _densities(middle, a)
-        if w * odds > (1.0 - w) * null:
+        slab, odds, null, _ = _densities(middle, a)
+        if w * (slab if bayes_factor else odds) > (1.0 - w) * null:
             high = middle
         else:
             low = middle
@@ -277,11 +298,13 @@ def _laplace_ratios(x: np.ndarray, a: float, work: np.ndarray) -> float:
 @_jit
 def profile(x: np.ndarray, a: float, bound: float, start: float, work: np.ndarray) -> tuple[float, float, float]:
     """Best weight under Laplace scale a, its log likelihood, and the derivative of that by log a (envelope theorem)."""
-    z = bound - a
-    plus, minus, null, _ = _laplace_sides(z, _mills(abs(z)), _mills(bound + a))
-    odds = 0.5 * a * (plus - minus)
-    low = null / (null + odds)
-    low_slope = -low * low * (odds / a - 0.5 * a * (z * plus + (bound + a) * minus)) / null
+    low, low_slope = 0.0, 0.0
+    if bound < math.inf:
+        z, far = bound - a, _mills(bound + a)
+        plus, minus, null, _ = _laplace_sides(z, _mills(abs(z)), far)
+        odds = 0.5 * a * (plus - minus)
+        low = null / (null + odds)
+        low_slope = -low * low * (odds / a - 0.5 * a * (z * plus + (bound + a) * minus)) / null
     log_likelihood = _laplace_ratios(x, a, work)
     ratio, slope, slab = work[0], work[1], work[2]
     w = _best_weight(ratio, low, start)
@@ -348,8 +371,11 @@ def fit_cauchy(x: np.ndarray, bound: float) -> tuple[float, float, float]:
         slab[i], _, null, s = _densities(x[i], math.nan)
         ratio[i] = null / slab[i]
         log_likelihood += s
-    _, odds, null, _ = _densities(bound, math.nan)
-    w = _best_weight(ratio, null / (null + odds), 0.5)
+    low = 0.0
+    if bound < math.inf:
+        _, odds, null, _ = _densities(bound, math.nan)
+        low = null / (null + odds)
+    w = _best_weight(ratio, low, 0.5)
     for i in range(x.size):
         log_likelihood += math.log(slab[i] * (w + (1.0 - w) * ratio[i]))
     return w, math.nan, log_likelihood if w > 0.0 else 0.0

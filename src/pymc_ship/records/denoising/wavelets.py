@@ -109,6 +109,11 @@ def margins(n_time: int, support: int, levels: int, boundary: str, what: str) ->
     return added // 2, added - added // 2
 
 
+def inside(n_detail: int, n_padded: int, before: int, after: int) -> slice:
+    """Coefficients of a level without those of the margins."""
+    return slice(before * n_detail // n_padded, n_detail - after * n_detail // n_padded)
+
+
 def orthogonal_wavelet(name: str) -> pywt.Wavelet:
     """Wavelet of PyWavelets whose filters are orthogonal to their shifts by two; ValueError for another name."""
     filters, deviation = None, math.inf
