@@ -117,7 +117,7 @@ def esso_osaka(args: argparse.Namespace, progress: Progress) -> Outcome:
     for file, rows in zip(files, tables(args.data, progress), strict=True):
         with staged_path(file) as path:
             pd.DataFrame(rows).to_csv(path, index=False, lineterminator="\n")
-    return Outcome("\n".join(file.read_text(encoding="utf-8") for file in files))
+    return "\n".join(file.read_text(encoding="utf-8") for file in files), folder
 
 
 if __name__ == "__main__":

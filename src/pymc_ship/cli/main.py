@@ -40,10 +40,20 @@ _MACHINE = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit status.
+    """Run a command.
 
-    ``argv`` are by default the arguments of the process. SystemExit with status 2 for arguments that cannot be parsed,
-    0 after ``--help`` and ``--version``.
+    SystemExit with status 2 for arguments that cannot be parsed, 0 after ``--help`` and ``--version``.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status: 0, 2 if the command cannot run, 3 if a check fails, 4 if ``check`` corrects or doubts the record,
+        130 after an interrupt.
     """
     return run_command(parser(), _command, argv)
 

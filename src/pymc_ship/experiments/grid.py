@@ -49,10 +49,18 @@ def seed_parts(cells: Iterable, seeds: int) -> Iterator[tuple]:
 class Grid:
     """All experiments of a study.
 
-    ``ships`` are vessels by name, ``manoeuvres`` manoeuvres by label, ``noise`` levels of each kind of
-    :data:`pymc_ship.records.files.noise.NOISES`, ``methods`` keys of :data:`pymc_ship.experiments.task.METHODS` or of
-    ``own``, the user-defined methods. ``seeds`` are the data sets of each cell, ``root_seed`` is the root of every
-    random number, ``duration`` [s] that of each record.
+    Attributes
+    ----------
+    ships, manoeuvres : dict
+        Vessels by name, and manoeuvres by label.
+    noise : dict of str to tuple of float
+        Levels of each kind of :data:`pymc_ship.records.files.noise.NOISES`.
+    methods : tuple of str
+        Keys of :data:`pymc_ship.experiments.task.METHODS` or of ``own``, the user-defined methods.
+    seeds, root_seed : int
+        Data sets of each cell, and root of every random number.
+    duration : float
+        Of each record [s].
     """
 
     title: str

@@ -39,10 +39,6 @@ def montecarlo(
     Every result is saved at once and not computed again. Seeds, levels, methods, manoeuvres and ships may be added. The
     tables of results do not depend on workers and interruptions.
 
-    StudyError for a study that cannot be read or does not extend the one in the folder, a method that cannot be called
-    or returns no Estimate, a scheduler that does not answer, and workers that die repeatedly. OutputError for a folder
-    that cannot be written; earlier results stay.
-
     Parameters
     ----------
     study : str, Path or mapping
@@ -65,6 +61,14 @@ def montecarlo(
     Path
         The page, ``out/index.html``, in one folder with ``results.parquet``, ``timings.parquet`` and, for a grid,
         ``cells.csv``.
+
+    Raises
+    ------
+    StudyError
+        For a study that cannot be read or does not extend the one in the folder, a method that cannot be called or
+        returns no Estimate, a scheduler that does not answer, and workers that die repeatedly.
+    OutputError
+        For a folder that cannot be written; earlier results stay.
     """
     _, page = reported_montecarlo(study, out, workers=workers, scheduler=scheduler, methods=methods, progress=progress)
     return page

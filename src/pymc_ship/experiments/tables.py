@@ -52,11 +52,14 @@ _SUMMARY |= {"executor": "first", "workers": "max", "wall": "max", "parent": "la
 
 
 class Costs:
-    """Costs of the tasks of a study, added part by part; ``timed`` are the parts of a task with recorded seconds."""
+    """Costs of the tasks of a study, added part by part.
+
+    ``timed`` are the parts of a task with recorded seconds, ``parts`` the sums by group and session of each part added.
+    """
 
     def __init__(self, timed: tuple[str, ...]):
         self.timed = timed
-        self._parts: list[pd.DataFrame] = []
+        self.parts: list[pd.DataFrame] = []
 
     def add(self, group: str, rows: pa.Table) -> None:
         """Count the tasks of a part of a group of cells, such as a method."""
@@ -64,7 +67,7 @@ class Costs:
         tasks = rows.select(columns).to_pandas().assign(group=group, tasks=1)
         tasks["seconds"] = tasks[list(self.timed)].sum(axis=1)
         summary = _SUMMARY | dict.fromkeys(self.timed, "sum")
-        self._parts.append(tasks.groupby(["group", "session"], as_index=False).agg(summary))
+        self.parts.append(tasks.groupby(["group", "session"], as_index=False).agg(summary))
 
     @property
     def sessions(self) -> pd.DataFrame:
@@ -73,7 +76,7 @@ class Costs:
         ``seconds`` and ``cpu`` are sums over its ``tasks``, ``wall`` [s] is from the start to the last result,
         ``parent`` [s] the time to send a task and save its result.
         """
-        return pd.concat(self._parts).groupby("session").agg(_SUMMARY)
+        return pd.concat(self.parts).groupby("session").agg(_SUMMARY)
 
     @property
     def longest(self) -> pd.Series:
@@ -87,7 +90,7 @@ class Costs:
 
 def group_rows(costs: Costs) -> list[dict]:
     """Mean seconds of each part and of processor time by group."""
-    sums = pd.concat(costs._parts).groupby("group", sort=False)[["tasks", *costs.timed, "cpu", "seconds"]].sum()
+    sums = pd.concat(costs.parts).groupby("group", sort=False)[["tasks", *costs.timed, "cpu", "seconds"]].sum()
     means = sums.div(sums["tasks"], axis=0).rename(columns={"seconds": "sum"})
     return means.assign(tasks=sums["tasks"]).reset_index().to_dict("records")
 

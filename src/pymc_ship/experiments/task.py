@@ -85,10 +85,18 @@ class Cell:
 class Task:
     """One method on one data set.
 
-    The record is a ``manoeuvre`` of a ``vessel`` in Euler steps of 0.02 s for ``duration`` [s]. ``noise`` is a key of
-    :data:`pymc_ship.records.files.noise.NOISES`, its ``level`` as in :func:`pymc_ship.pollute`; ``method`` is a key of
-    :data:`METHODS`, or the name of ``own``, a user-defined method; ``seed`` is the number of the data set, ``root`` the
-    root of every random number, ``block`` the part of the result in the store.
+    Attributes
+    ----------
+    vessel, manoeuvre
+        Of the record, simulated in Euler steps of 0.02 s for ``duration`` [s].
+    noise, level
+        Key of :data:`pymc_ship.records.files.noise.NOISES`, and level as in :func:`pymc_ship.pollute`.
+    method : str
+        Key of :data:`METHODS`, or the name of ``own``, a user-defined method.
+    seed, root : int
+        Number of the data set, and root of every random number.
+    block : str
+        Part of the result in the store.
     """
 
     vessel: Vessel

@@ -21,7 +21,10 @@ class VesselError(ShipError):
 class TrialError(ShipError):
     """A record or conditions of a sea trial that cannot be used.
 
-    ``checks`` are the bad ones that are not overruled, if they forbid a fit of the record.
+    Attributes
+    ----------
+    checks : tuple of Check
+        Bad checks that are not overruled, if they forbid a fit of the record.
     """
 
     def __init__(self, *args: object, checks: Iterable[Any] = ()) -> None:
@@ -40,7 +43,10 @@ class InferenceError(ShipError):
 class FitError(ShipError):
     """A fit of trajectories that did not start or converge.
 
-    ``refusals`` are the reasons for which each term set fails, if none can be fitted.
+    Attributes
+    ----------
+    refusals : tuple of Refusal
+        Why each term set fails, if none can be fitted.
     """
 
     def __init__(self, *args: object, refusals: Iterable[Any] = ()) -> None:

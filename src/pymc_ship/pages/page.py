@@ -19,12 +19,22 @@ from pymc_ship.pages import drawing
 
 @dataclass(frozen=True)
 class Page:
-    """Template and settings of a kind of page, a ``file`` in its folder.
+    """Template and settings of a kind of page.
 
-    ``template`` is a Jinja template, which can use ``_layout.html.j2``, ``_page.html.j2`` and templates of its folder.
-    ``own`` are patterns of the page's files: those of an earlier page are removed, other files stay. ``packages`` are
-    those whose versions are on the page. CSV files are in the folder ``tables``, with ``digits`` significant digits, or
-    all.
+    Attributes
+    ----------
+    file : str
+        Name of the page in its folder.
+    template : Path
+        Jinja template; ``_layout.html.j2``, ``_page.html.j2`` and templates of its folder can be used.
+    own : tuple of str
+        Patterns of the page's files; those of an earlier page are removed, other files stay.
+    packages : tuple of str
+        Packages whose versions are on the page.
+    digits : int, optional
+        Significant digits of numbers in CSV files; None for all.
+    tables : str
+        Folder of the CSV files.
     """
 
     file: str
@@ -37,11 +47,20 @@ class Page:
 
 @dataclass(frozen=True)
 class Content:
-    """Content of one page: ``values`` of the template (text is escaped), and references as ``sources``.
+    """Content of one page.
 
-    A Figure of ``figures`` is SVG in the page and a PNG file; a text, such as :func:`drawing.html_image`, is in the
-    page alone. ``rows`` are tables for CSV files by name; empty ones are not written. ``files`` are writers of other
-    files, by path in the folder; each takes the path to write to.
+    Attributes
+    ----------
+    values : mapping of str to object
+        Values of the template, beside ``figures``, ``versions`` and ``sources``; text is escaped.
+    figures : mapping of str to Figure or str
+        A Figure is SVG in the page and a PNG file; a text, such as :func:`drawing.html_image`, is in the page alone.
+    rows : mapping of str to sequence of mapping
+        Tables for CSV files, by name; empty ones are not written.
+    files : mapping of str to callable
+        Writers of other files, by path in the folder; each takes the path to write to.
+    sources : sequence of str
+        References.
     """
 
     values: Mapping[str, object]

@@ -52,8 +52,6 @@ def study(
 ) -> Path:
     """Run the paper's study and write its report.
 
-    VesselError for a vessel that cannot be read, OutputError for a folder that cannot be written.
-
     Parameters
     ----------
     out : str or Path
@@ -71,6 +69,11 @@ def study(
     -------
     Path
         The page, ``out/index.html``; it and ``out/diagnostics.html`` name a convergence diagnostic that fails.
+
+    Raises
+    ------
+    VesselError, OutputError
+        For a vessel that cannot be read or a folder that cannot be written.
     """
     return reported_study(out, vessel=vessel, level=level, seed=seed, progress=progress)[1]
 

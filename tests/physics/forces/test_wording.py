@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pymc_ship as ps
 from pymc_ship.physics.forces.modular import PARTS, UnknownPart, order_parts
+from pymc_ship.physics.forces.prime_system import scale
 from tests.physics.forces.test_parts import AHEAD
 from tests.sentences import wording
 
@@ -20,6 +21,8 @@ test_unknown_part = wording(
     ),
     ("must be wind or constant force, found hull", lambda: order_parts(["hull", "wind"], polynomial=True)),
 )
+
+test_value_errors = wording(ValueError, ("found 'w'", lambda: scale("w", 1.0, 1.0)))
 
 test_vessel_errors = wording(
     ps.VesselError,

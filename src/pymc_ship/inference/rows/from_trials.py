@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,7 +11,7 @@ from pymc_ship.inference.rows.data import ROUNDING, RegressionData
 from pymc_ship.inference.rows.weak_form import radius_samples, row_stride, weak_form
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import InferenceError
-from pymc_ship.physics.forces.prime_system import row_scale
+from pymc_ship.physics.forces.prime_system import to_prime
 from pymc_ship.physics.forces.terms import evaluate
 from pymc_ship.physics.motion.equations import VELOCITIES
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
@@ -132,8 +131,7 @@ def _difference_rows(
     acceleration = np.zeros((len(VELOCITIES), speed.size))
     for k, name in enumerate(VELOCITIES):
         if name in record:
-            unit: Any = row_scale(k, speed, L)  # type: ignore[arg-type]  # compiled for arrays too
-            acceleration[k] = differentiate(record[name], step, method=derivative) / unit
+            acceleration[k] = to_prime(f"{name}dot", differentiate(record[name], step, method=derivative), speed, L)
     index = DOFS.index(dof)
     response = vessel.inertia_matrix[index] @ acceleration - known_forces[index]
     begin, end = _WITHOUT_DIFFERENCE.get(derivative, (0, 0))

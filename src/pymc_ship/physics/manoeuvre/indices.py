@@ -16,8 +16,6 @@ from pymc_ship.trial.record import as_trial, check_trial
 def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     """Manoeuvring indices of IMO MSC.137(76), of a trial or of simulated ships.
 
-    TrialError for another manoeuvre, missing channels or missing attrs.
-
     Parameters
     ----------
     trial : Dataset, dims (time,) or (draw, time)
@@ -32,6 +30,11 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     Dataset, dims () or (draw,)
         Indices of the kind [deg, s, m, m/s, deg/s]; NaN where the record does not reach the event or diverged.
         Overshoots count beyond the switching heading. Indices of roll are left out where ``attrs["dofs"]`` lacks it.
+
+    Raises
+    ------
+    TrialError
+        For another manoeuvre, missing channels or missing attrs.
 
     Examples
     --------

@@ -118,8 +118,6 @@ def zigzag(
 ) -> Manoeuvre:
     """Zigzag test: the rudder is reversed when the heading has changed by heading_deg.
 
-    SimulationError for angles or a speed that are not positive, or an unknown side.
-
     Parameters
     ----------
     rudder_deg, heading_deg : float
@@ -128,6 +126,11 @@ def zigzag(
         Side turned to first; port is the side of the positive rudder angle.
     approach_speed : float, optional
         [m/s]; the vessel's nominal speed by default.
+
+    Raises
+    ------
+    SimulationError
+        For angles or a speed that are not positive, or an unknown side.
 
     Examples
     --------
@@ -169,9 +172,6 @@ def direct_spiral(
 ) -> Manoeuvre:
     """Direct spiral: steady turns from rudder_deg on one side to the other and back.
 
-    The manoeuvre is a rudder programme, whose last time is its duration. SimulationError for values that are not
-    positive, or a step that does not divide the largest angle.
-
     Parameters
     ----------
     rudder_deg, step_deg : float
@@ -180,6 +180,16 @@ def direct_spiral(
         Time at each angle [s]; 10 L/U lets most ships turn steadily.
     approach_speed : float, optional
         [m/s]; the vessel's nominal speed by default.
+
+    Returns
+    -------
+    Manoeuvre
+        A rudder programme, whose last time is its duration.
+
+    Raises
+    ------
+    SimulationError
+        For values that are not positive, or a step that does not divide the largest angle.
 
     Examples
     --------
@@ -214,8 +224,6 @@ def rudder_programme(
 ) -> Manoeuvre:
     """Rudder angle over time, linear between breakpoints.
 
-    SimulationError for arrays of different length, values that are not finite or times that do not increase.
-
     Parameters
     ----------
     time : array_like, shape (n,)
@@ -226,6 +234,11 @@ def rudder_programme(
         True for commands that the rudder follows at the vessel's rate, False for a record of what the rudder did.
     approach_speed : float, optional
         [m/s]; the vessel's nominal speed by default.
+
+    Raises
+    ------
+    SimulationError
+        For arrays of different length, values that are not finite or times that do not increase.
 
     Examples
     --------

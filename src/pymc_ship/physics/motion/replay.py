@@ -61,14 +61,32 @@ def replay(
     substeps: int = 1,
     block: int = 1,
 ) -> np.ndarray:
-    """Open-loop simulation of many draws along the same inputs; block means (n_states, n_draws, n_blocks), SI and rad.
+    """Open-loop simulation of many draws along the same inputs, each from its own initial state.
 
-    ``inputs`` are the rudder angle [rad] (n_time,), linear between samples, or all inputs (4, n_time), see
-    :func:`.recorded_inputs`, at an ``interval`` [s]; ``initial_state`` (n_draws, n_states) the first 5, 6 or 8 of u, v
-    [m/s], r, p [rad/s], phi, psi [rad], x, y [m]; ``coefficients`` (n_draws, n_coefficients) in the vessel's order.
-    ``substeps`` are the integration steps in an interval, ``block`` the samples averaged into one; those after the last
-    full block are dropped. A draw that diverges is NaN. SimulationError for an unknown method, a wrong shape, counts
-    below one or a record shorter than one block.
+    Parameters
+    ----------
+    vessel : Vessel
+    inputs : array_like, shape (n_time,) or (4, n_time)
+        Rudder angle [rad], linear between samples; or all inputs, see :func:`.recorded_inputs`.
+    initial_state : array_like, shape (n_draws, n_states)
+        The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m].
+    coefficients : array_like, shape (n_draws, n_coefficients)
+        DOFs one after the other in the vessel's order.
+    interval : float
+        Sampling interval of the inputs [s].
+    method : {"euler", "rk4"}, optional
+    substeps, block : int, optional
+        Integration steps for each interval; samples averaged into one (those after the last full block are dropped).
+
+    Returns
+    -------
+    ndarray, shape (n_states, n_draws, n_blocks)
+        Block means, SI units and rad; NaN for a draw that diverged.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown method, a wrong shape, counts below one or a record shorter than one block.
     """
     values, draws = all_inputs(inputs), np.atleast_2d(np.asarray(coefficients, dtype=float))
     initial = np.atleast_2d(np.asarray(initial_state, dtype=float))

@@ -138,12 +138,10 @@ def simulate(
 ) -> xr.Dataset:
     """Simulate a manoeuvre.
 
-    Xue et al. (2020), Eq. 1 to 5, doi:10.1016/j.oceaneng.2019.106612. SimulationError for an unknown method, a step,
-    duration or tolerance that is not positive, an interval that is no multiple of the step, wrong shapes, or
-    revolutions or wind on a ship without such parts.
-
     Parameters
     ----------
+    vessel : Vessel, str or Path
+    manoeuvre : Manoeuvre
     duration : float
         [s].
     step : float, optional
@@ -171,6 +169,16 @@ def simulate(
     Dataset, dims (time,) or (draw, time)
         u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m], delta [rad]; ``diverged`` (bool) and ``diverged_at`` [s],
         NaN without divergence. A diverged run is NaN from that time on. Units and settings in attrs.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown method, a step, duration or tolerance that is not positive, an interval that is no multiple of
+        the step, wrong shapes, or revolutions or wind on a ship without such parts.
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 1 to 5, doi:10.1016/j.oceaneng.2019.106612.
 
     Examples
     --------

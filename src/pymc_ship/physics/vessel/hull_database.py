@@ -25,10 +25,13 @@ _DRIFT, _TURNING = (-0.25, -0.1, 0.0, 0.1, 0.25), (-0.6, -0.3, 0.0, 0.3, 0.6)  #
 
 @dataclass(frozen=True, eq=False)
 class ParticularsPrior:
-    """Prior of the coefficients from the particulars of a vessel, prime values (n_terms,) in the vessel's order.
+    """What the particulars of a vessel say of its coefficients, prime values in the vessel's order.
 
-    ``mean`` is that of terms in v and r of the symmetric hull, 0 of all others; ``scale`` the sd of those terms, or the
-    force of the hull over the term in a hard turn; ``of_hull`` whether the hull database gives the mean.
+    Attributes
+    ----------
+    mean : ndarray, shape (n_terms,); of terms in v and r of the symmetric hull, 0 of all others
+    scale : ndarray, shape (n_terms,); sd of those terms, or the force of the hull over the term in a hard turn
+    of_hull : ndarray of bool, shape (n_terms,); whether the hull database gives the mean
     """
 
     mean: np.ndarray

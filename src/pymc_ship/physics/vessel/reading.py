@@ -39,12 +39,19 @@ def shipped_vessels() -> tuple[str, ...]:
 def load_vessel(source: str | Path) -> Vessel:
     """Read a vessel.
 
-    VesselError for an unknown vessel, an unreadable file, unknown or missing keys, unknown terms, impossible values.
-
     Parameters
     ----------
     source : str or Path
         Name of a shipped vessel (``"container"``) or the path of a TOML file of the same form.
+
+    Returns
+    -------
+    Vessel
+
+    Raises
+    ------
+    VesselError
+        For an unknown vessel, an unreadable file, unknown or missing keys, unknown terms, and impossible values.
 
     Examples
     --------

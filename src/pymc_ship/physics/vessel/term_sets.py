@@ -130,10 +130,9 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
 def with_terms(vessel: VesselLike, name: str) -> Vessel:
     """Vessel with the terms of a set.
 
-    VesselError for an unknown set, a set that needs a missing propeller, or missing own terms.
-
     Parameters
     ----------
+    vessel : Vessel, str or Path
     name : str
         One of :data:`TERM_SETS` or :data:`PART_SETS`, or :data:`OWN` for the unchanged vessel.
 
@@ -142,6 +141,11 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
     Vessel
         With terms of surge, sway and yaw only, or the parts of the set and own parts of other roles. Coefficients and
         parameters of the vessel keep value, sd and source; other coefficients are 0, other parameters typical.
+
+    Raises
+    ------
+    VesselError
+        For an unknown set, a set that needs a missing propeller, or missing own terms.
 
     Examples
     --------
