@@ -17,6 +17,7 @@ from pymc_ship.diagnostics import page as diagnostic_report
 from pymc_ship.diagnostics.agreement import failure_sentence
 from pymc_ship.inference.identifiability.bound import cramer_rao_bound
 from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.machine.seeds import generator
 from pymc_ship.pages.page import render_page
 from pymc_ship.records.files.noise import LITERAL_LEVEL
@@ -244,6 +245,11 @@ def test_the_page_is_self_contained(page, text):
     style = re.findall(r"<style.*?</style>", text, flags=re.DOTALL)
     assert not any("@import" in part or "http" in part for part in style)
     assert re.findall(r"url\((?!#)", text) == []
+
+
+def test_the_page_states_step_and_limit_of_the_fits(text):
+    assert "Euler steps of 0.02 s" in text
+    assert f"Pareto k-hat exceeds {KHAT_LIMIT:g}." in text
 
 
 def test_the_page_names_no_place_on_this_machine(text, page, folder):

@@ -114,7 +114,7 @@ class TestZigzags:
         for record in (run, moved(run)):
             assert recognise([record], tanker())[0][0].label == "zigzag 20/10 starboard"
 
-    @pytest.mark.parametrize(("shown", "rudder"), [(1.0, 10), (0.95, 10), (0.8, 8)])
+    @pytest.mark.parametrize(("shown", "rudder"), [(1.0, 10), (0.95, 10), (0.8, 8), (1.12, 11)])
     def test_an_indicator_that_is_a_little_off_does_not_change_the_order(self, records, shown, rudder):
         run = records[2.5][0]
         (recognised,), _ = recognise([run.assign(delta=shown * run["delta"])], tanker())

@@ -61,7 +61,7 @@ class SteeringRecord:
     def reversed_angle(self) -> int:
         """Rudder angle [deg] of a zigzag, as ordered."""
         angle = np.rad2deg(zigzag_rudder_angle(self.trial["delta"].values[is_manoeuvre(self.trial)]))
-        return self.ordered_angle(angle, within=_PLAY)
+        return self.ordered_angle(angle, short=_PLAY)
 
     @cached_property
     def switching_heading(self) -> int:
@@ -70,10 +70,13 @@ class SteeringRecord:
         return whole_heading(headings)
 
     @staticmethod
-    def ordered_angle(angle: float, within: float = _ORDERED) -> int:
-        """Ordered rudder angle [deg]: a multiple of 5 ``within`` some deg, or else the nearest whole number."""
+    def ordered_angle(angle: float, short: float = _ORDERED) -> int:
+        """Ordered rudder angle [deg]: a multiple of 5 within 1 deg, or of which it falls ``short`` by less.
+
+        Else the nearest whole number.
+        """
         five = 5 * round(angle / 5.0)
-        return five if abs(angle - five) < within and five else round(angle)
+        return five if -short < angle - five < _ORDERED and five else round(angle)
 
 
 def whole_heading(headings: np.ndarray) -> int:
