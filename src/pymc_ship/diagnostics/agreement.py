@@ -18,9 +18,7 @@ from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.inference.sampling.error_laws import errors_of
 
-PROBABILITIES = (0.05, 0.5, 0.95)
-"""Probabilities of the quantiles compared."""
-
+PROBABILITIES = (0.05, 0.5, 0.95)  # probabilities of the quantiles compared
 _SAMPLE = ("chain", "draw")
 
 

@@ -19,15 +19,9 @@ from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplot
 if TYPE_CHECKING:
     from arviz_stats.utils import ELPDData
 
-ESS_POINTS = 12
-"""Points of the curves of effective sample size."""
-
-PREDICTIVE_SAMPLES = 50
-"""Predictive data sets drawn over the record."""
-
-PAIR_DRAWS = 2000
-"""Draws shown in a pair plot."""
-
+ESS_POINTS = 12  # points of the curves of effective sample size
+PREDICTIVE_SAMPLES = 50  # predictive data sets drawn over the record
+PAIR_DRAWS = 2000  # draws shown in a pair plot
 _FOREST_TICKS = np.concatenate([[0.0], *np.outer((-1, 1), (1, 2, 3, 10, 100, 1000, 1e4, 1e5, 1e6))])
 
 

@@ -14,32 +14,15 @@ from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 if TYPE_CHECKING:
     from arviz_stats.utils import ELPDData
 
-CI_PROB = 0.95
-"""Probability of the equal-tailed intervals."""
-
-TAILS = (0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB)
-"""Probabilities of the ends of these intervals."""
-
-R_HAT_LIMIT = 1.01
-"""R-hat of chains that have mixed lies below (Vehtari et al. 2021)."""
-
-ESS_LIMIT = 400.0
-"""Bulk and tail effective sample size of a posterior to be reported lie above (Vehtari et al. 2021)."""
-
-E_BFMI_LIMIT = 0.3
-"""E-BFMI of every chain of a Hamiltonian sampler lies above (Betancourt 2018)."""
-
-CONTRACTION_LIMIT = 0.9
-"""Contraction of a determined coefficient is larger."""
-
-SD_LIMIT = 1.96
-"""Standard deviations between zero and the mean of a determined coefficient."""
-
-WHITENESS_LEVEL = 0.01
-"""The residuals are taken for autocorrelated where the p-value of the Ljung-Box test lies below."""
-
-ENVELOPE = 0.99
-"""Probability of the simultaneous envelopes of ranks and LOO-PIT."""
+CI_PROB = 0.95  # probability of the equal-tailed intervals
+TAILS = (0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB)  # probabilities of the ends of these intervals
+R_HAT_LIMIT = 1.01  # R-hat of chains that have mixed lies below (Vehtari et al. 2021)
+ESS_LIMIT = 400.0  # bulk and tail effective sample size of a posterior to be reported lie above (Vehtari et al. 2021)
+E_BFMI_LIMIT = 0.3  # E-BFMI of every chain of a Hamiltonian sampler lies above (Betancourt 2018)
+CONTRACTION_LIMIT = 0.9  # contraction of a determined coefficient is larger
+SD_LIMIT = 1.96  # standard deviations between zero and the mean of a determined coefficient
+WHITENESS_LEVEL = 0.01  # the residuals are taken for autocorrelated where the p-value of the Ljung-Box test lies below
+ENVELOPE = 0.99  # probability of the simultaneous envelopes of ranks and LOO-PIT
 
 PSENSE_LIMIT = 0.05
 """Sensitivity above which a quantity depends on power-scaling of prior or likelihood (Kallioinen et al. 2024)."""

@@ -35,9 +35,7 @@ if TYPE_CHECKING:
 SHIPS = 200
 """Ships of the prior, and of the posterior, in each manoeuvre of a section: a share of a half is known to 3.5 %."""
 
-SHIPS_TITLE = "Ships of the prior and of the posterior"
-"""Title of the part on ships drawn from the prior."""
-
+SHIPS_TITLE = "Ships of the prior and of the posterior"  # title of the part on ships drawn from the prior
 _SHARES = heads(str, manoeuvre="manoeuvre", of="ships of the") | ENDS
 _BANDS = heads(str, index="index", manoeuvre="manoeuvre", prior="prior") | heads(
     fixed_point(1), prior_reached="reached %"

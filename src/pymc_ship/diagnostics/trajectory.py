@@ -15,19 +15,14 @@ from pymc_ship.inference.trajectory.runs import whiten
 from pymc_ship.physics.vessel.vessel import LETTER
 from pymc_ship.trial.channels import CHANNELS
 
-PARTS = "parts"
-"""Group of the parameters of a ship of parts, which act in several degrees of freedom."""
+PARTS = "parts"  # group of the parameters of a ship of parts, which act in several degrees of freedom
 
 METHODS = ("trajectory", "trajectory_nuts")
 """Methods whose posteriors are of whole trajectories: the normal approximation, and the sampler."""
 
 RECORDS = tuple(f"constant_data/{name}" for name in ("time", "run", "fitted", "block_sd", "correlation"))
-RECORDS = (*RECORDS, "observed_data/response")
-"""Variables of a tree that residuals are made from."""
-
-PRIOR = ("constant_data/prior_sd",)
-"""Variables of a tree for the comparison of posterior and prior."""
-
+RECORDS = (*RECORDS, "observed_data/response")  # variables of a tree that residuals are made from
+PRIOR = ("constant_data/prior_sd",)  # variables of a tree for the comparison of posterior and prior
 _SAMPLE = ("chain", "draw")
 _ATTRS = ("dof", "vessel", "prior", "integrator", "noise_model", "noise_sentence", "starts", "starts_agreeing")
 

@@ -17,12 +17,8 @@ from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplots
 from pymc_ship.trial.channels import CHANNELS
 
-LAGS = 40
-"""Lags of the autocorrelation drawn, in blocks."""
-
-QUANTILES = 400
-"""Quantiles drawn of the residuals of a channel."""
-
+LAGS = 40  # lags of the autocorrelation drawn, in blocks
+QUANTILES = 400  # quantiles drawn of the residuals of a channel
 _EVIDENCE_COLOURS = {"determined": BLUE, "includes zero": "#8fb7d8", "prior": RUST}
 
 

@@ -18,14 +18,9 @@ from pymc_ship.records.files.format import TrialFormat, load_format
 from pymc_ship.records.files.reading import TextTable, table_cells, text_table
 from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, RADIAN_PER_SECOND, REVOLUTION_PER_SECOND
 
-FORCE_DOFS = {"X": "surge", "Y": "sway", "N": "yaw"}
-"""Degree of freedom of each force."""
-
-FORCES = tuple(FORCE_DOFS)
-"""Measured forces; a file has one of them or more."""
-
-_FROUDE = (0.1, 2.0)
-"""Range of the median speed of captive tests over the nominal speed."""
+FORCE_DOFS = {"X": "surge", "Y": "sway", "N": "yaw"}  # degree of freedom of each force
+FORCES = tuple(FORCE_DOFS)  # measured forces; a file has one of them or more
+_FROUDE = (0.1, 2.0)  # range of the median speed of captive tests over the nominal speed
 
 
 _MOTION = {

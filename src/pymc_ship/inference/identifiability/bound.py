@@ -14,8 +14,7 @@ from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import trial_list
 
-SHARES = (5.0, 20.0, 50.0)
-"""Error limits [%] of the counts of coefficients."""
+SHARES = (5.0, 20.0, 50.0)  # error limits [%] of the counts of coefficients
 
 
 def cramer_rao_bound(

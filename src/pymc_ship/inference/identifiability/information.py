@@ -18,9 +18,7 @@ from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
-UNKNOWN = 0.5
-"""Posterior over prior variance above which a direction counts as unidentified."""
-
+UNKNOWN = 0.5  # posterior over prior variance above which a direction counts as unidentified
 _SMALLEST = 1e-12
 
 

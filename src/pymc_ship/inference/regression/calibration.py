@@ -15,12 +15,9 @@ from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.seeds import Seed, random_generator
 
-LEVEL = 1e-3
-"""Probability that any comparison of a table exceeds its limit under a correct sampler."""
+LEVEL = 1e-3  # probability that any comparison of a table exceeds its limit under a correct sampler
 
-Draws = tuple[np.ndarray, np.ndarray]
-"""Coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
-
+Draws = tuple[np.ndarray, np.ndarray]  # coefficients, shape (draws, n_terms), and noise variance, shape (draws,)
 _CUTS, _TINY = 50, 1e-15
 
 

@@ -19,11 +19,8 @@ from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.trial.record import as_trial
 
-SELECTIONS = ("evidence", "bayesian_optimisation")
-"""Ways to choose the hyperparameters."""
-
-CI_PROB = 0.9
-"""Probability of the pooled intervals."""
+SELECTIONS = ("evidence", "bayesian_optimisation")  # ways to choose the hyperparameters
+CI_PROB = 0.9  # probability of the pooled intervals
 
 
 @dataclass(frozen=True, repr=False)

@@ -38,8 +38,7 @@ _LABELS = ("vessel", "dof", "derivative", "record_verdict", "record_remarks")
 _SCALING = ("column_center", "column_scale", "response_center", "response_scale")
 _PACKAGES = ("pymc-ship", "numpy", "scipy", "xarray", "arviz", "pymc")
 
-FILES = (".nc", ".zarr")
-"""Endings of the files of a posterior."""
+FILES = (".nc", ".zarr")  # endings of the files of a posterior
 
 
 def rng_state(rng: np.random.Generator) -> str:

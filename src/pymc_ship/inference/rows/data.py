@@ -14,9 +14,6 @@ from pymc_ship.inference.rows.frames import Formula, check_same_rows, formula_ro
 from pymc_ship.machine.arguments import check_choice, label_array, real_array
 from pymc_ship.machine.errors import InferenceError
 
-SCALINGS = ("zscore", "none")
-"""How columns and response are scaled: to zero mean and unit standard deviation, or not at all."""
-
 ROUNDING = 1e-10
 """Range over largest magnitude below which values are constant but for rounding; sixteen eps of coarser floats."""
 
@@ -24,8 +21,7 @@ UNEVEN = 30.0
 """Largest over smallest column norm above which an unscaled design is called uneven: a lower bound of the condition
 number, with the limit of Belsley, Kuh & Welsch (1980), Regression Diagnostics, doi:10.1002/0471725153, ch. 3."""
 
-FEWEST_ROWS = 4
-"""Rows that sizes of columns and response are judged over, at least."""
+FEWEST_ROWS = 4  # rows that sizes of columns and response are judged over, at least
 
 
 @dataclass(frozen=True, repr=False)
@@ -147,7 +143,7 @@ class RegressionData:
         values: dict[str, Any] = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names)), **labels}
         values |= {"response_center": 0.0, "response_scale": 1.0, "constant": constant, "time": times, "run": runs}
         data = cls(X, y, names, **values)
-        check_choice("The scaling", scaling, SCALINGS, InferenceError)
+        check_choice("The scaling", scaling, ("zscore", "none"), InferenceError)
         if scaling == "none":
             return data
         if np.ptp(y) <= _rounding(response) * np.abs(y).max():

@@ -6,13 +6,14 @@ pandas is not imported: a table is any object with ``columns`` and ``to_numpy``.
 from __future__ import annotations
 
 import copy
-import logging
 import pickle
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from logging import WARNING, getLogger
+from logging.handlers import BufferingHandler
 from textwrap import shorten
 from types import ModuleType
 from typing import Any
@@ -180,18 +181,6 @@ def _is_picklable(value: Any) -> bool:
     return False
 
 
-class _Remarks(logging.Handler):
-    """Messages of formulae, which logs what it leaves out of a formula."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.texts: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep a message."""
-        self.texts.append(" ".join(record.getMessage().split()))
-
-
 def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Formula]:
     """Design matrix, response and formula of a table; InferenceError for a formula that cannot be used."""
     try:
@@ -201,9 +190,10 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
         raise InferenceError("Formulas need the package formulae, found none; install pymc-ship[formula].") from None
     if not is_frame(frame):
         raise InferenceError(f"A formula needs a table, found {short_repr(type(frame))}; give a DataFrame.")
-    scope, log, remarks = _Scope(), logging.getLogger("formulae"), _Remarks()
+    scope, log, messages = _Scope(), getLogger("formulae"), BufferingHandler(1000)  # formulae logs what it leaves out
+    messages.setLevel(WARNING)
     scope.outer = Environment.capture(_FRAMES)
-    log.addHandler(remarks)
+    log.addHandler(messages)
     try:
         matrices = design_matrices(formula, frame, na_action="error", env=Environment([scope]))
         unread = _unread(formula)
@@ -211,11 +201,11 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
         raise InferenceError(_sentence(formula, "the table", error)) from None
     finally:
         scope.outer = None
-        log.removeHandler(remarks)
-    if unread:
-        remarks.texts.append(f"a term ends before {short_repr(unread)}")
-    if remarks.texts:
-        raise InferenceError(_sentence(formula, "the table", " ".join(remarks.texts)))
+        log.removeHandler(messages)
+    remarks = [" ".join(message.getMessage().split()) for message in messages.buffer]
+    remarks += [f"a term ends before {short_repr(unread)}"] if unread else []
+    if remarks:
+        raise InferenceError(_sentence(formula, "the table", " ".join(remarks)))
     _check_terms(formula, frame, matrices)
     terms, named = matrices.common, matrices.common.as_dataframe()
     terms.data = terms.env = None

@@ -18,6 +18,7 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.forces.terms import evaluate
 from pymc_ship.physics.motion.equations import VELOCITIES
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.motion.stepping import METHODS
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 from pymc_ship.records.checks.record_quality import SAMPLES_BAD
@@ -27,21 +28,10 @@ from pymc_ship.trial.record import sampling_interval, trial_list
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-RADIUS = 0.275
-"""Half the support of a test function [L/U_nom], at least :data:`_FEWEST` samples."""
-
-INTERVAL = 0.2
-"""Interval of the centres of the test functions for the start of a fit, over the radius."""
-
-INDEPENDENT = 0.8
-"""Interval of the centres at which rows count as independent, over the radius."""
-
-METHODS = ("euler", "rk4")
-"""Origin of a record: "euler" for Euler steps of the sampling interval, "rk4" for all other motion."""
-
-TAU = (0.05, 20.0)
-"""Bounds of the factor tau on the prior scales of a degree of freedom."""
-
+RADIUS = 0.275  # half the support of a test function [L/U_nom], at least :data:`_FEWEST` samples
+INTERVAL = 0.2  # interval of the centres of the test functions for the start of a fit, over the radius
+INDEPENDENT = 0.8  # interval of the centres at which rows count as independent, over the radius
+TAU = (0.05, 20.0)  # bounds of the factor tau on the prior scales of a degree of freedom
 _POWER = 6
 _FEWEST = 4  # samples in a radius
 _ITERATIONS = 200
@@ -79,7 +69,8 @@ def row_stride(n_radius: int, interval: float = INDEPENDENT) -> int:
 def bump(n_radius: int, step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:
     """Test function (1 - s^2)^6 over [-1, 1] radii, of unit sum, and its derivative [1/s], shape (2 n_radius + 1,).
 
-    The derivative is a difference for "euler", exact for "rk4"; ``step``: sampling interval [s].
+    The derivative is a difference for a record of Euler steps of the sampling interval ``step`` [s], "euler", and exact
+    for all other motion, "rk4".
     """
     check_choice("The method of a record", method, METHODS)
     s = np.arange(-n_radius, n_radius + 1) / n_radius
@@ -154,16 +145,14 @@ def weak_form_start(
     return np.concatenate([*(evidence_posterior_mean(*data, *prior) for data, *prior in parts), parameters])
 
 
-def coefficient_scales(
-    trials: xr.Dataset | Sequence[xr.Dataset], vessel: VesselLike, *, method: str = "euler"
-) -> np.ndarray:
+def coefficient_scales(trials: xr.Dataset | Sequence[xr.Dataset], vessel: VesselLike) -> np.ndarray:
     """Scale of each coefficient: rms(force) / rms(term) over the rows of the weak form, the force that of a first fit.
 
-    Arguments as :func:`weak_form_start`; positive prime values. TrialError also for terms that stay 0.
+    Positive prime values. TrialError as :func:`weak_form`, and for terms that stay 0.
     """
     vessel = as_vessel(vessel)
     scales = []
-    for dof, (X, y) in _stack_rows(trials, vessel, method).items():
+    for dof, (X, y) in _stack_rows(trials, vessel, "euler").items():
         size = _rms(X)
         idle = [term for term, value in zip(vessel.terms(dof), size, strict=True) if value == 0.0]
         if idle:

@@ -19,8 +19,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.trial.record import trial_list
 
-KINDS = ("flat", "order_damped", "sister_ship")
-"""Kinds of prior that need no table."""
+KINDS = ("flat", "order_damped", "sister_ship")  # kinds of prior that need no table
 
 ASYMMETRY = float(np.log(0.1))
 """Prior mean of the log factor of terms that a ship alike on both sides does not have: a tenth of the others."""

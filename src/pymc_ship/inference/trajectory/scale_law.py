@@ -12,12 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-FREEDOM = 4.0
-"""Degrees of freedom of Student's t, here and in fits to windows."""
-
-FACTOR_SD = float(np.log(2.0))
-"""Prior sd of each log factor and log damping: a factor of two."""
-
+FREEDOM = 4.0  # degrees of freedom of Student's t, here and in fits to windows
+FACTOR_SD = float(np.log(2.0))  # prior sd of each log factor and log damping: a factor of two
 _LARGEST_MIXING = 1e4  # of the variance of a coefficient over that of its factors: bounds the condition number
 _BURN_IN = 300
 _THINNING = 25

@@ -51,15 +51,9 @@ from pymc_ship.trial.record import OVER_GROUND, nonzero_channels
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """Kinds of prior for coefficients without an sd in the vessel file."""
 
-LARGEST_INFLATION = 5.0
-"""Largest factor on the sds of the coefficients."""
-
-AHEAD_FRACTION = 0.5
-"""Least fraction of the time ahead for models that are valid ahead alone."""
-
-ROLL_ANGLE = 2.0
-"""99 % quantile of the heel [deg] from which a ship counts as rolling."""
-
+LARGEST_INFLATION = 5.0  # largest factor on the sds of the coefficients
+AHEAD_FRACTION = 0.5  # least fraction of the time ahead for models that are valid ahead alone
+ROLL_ANGLE = 2.0  # 99 % quantile of the heel [deg] from which a ship counts as rolling
 _SAME = 0.1  # largest relative range of constant revolutions
 _GROUPS = 4  # folds of a single run
 _TRIAL_DRAWS = 50  # draws for the test of feasibility

@@ -20,9 +20,7 @@ from pymc_ship.ships.identification.candidates import Candidate, Refusal, folds,
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 
-BARS = 0.9
-"""Probability of the intervals of the term sets."""
-
+BARS = 0.9  # probability of the intervals of the term sets
 _BOOTSTRAPS = 2000
 
 

@@ -11,8 +11,7 @@ from pymc_ship.ships.ensemble.index_error import index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.ship import Ship
 
-OVERSHOOTS = ("first_overshoot", "second_overshoot")
-"""Overshoots whose angles and times are summarised."""
+OVERSHOOTS = ("first_overshoot", "second_overshoot")  # overshoots whose angles and times are summarised
 
 QUANTILES = {"90": 1.6448536269514722, "95": 1.959963984540054}
 """Normal quantiles of central intervals, by probability [%]."""

@@ -49,11 +49,8 @@ from pymc_ship.ships.identification.opening import (
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import named_trials, sampling_interval
 
-CORRELATED = 0.95
-"""Correlation of two coefficients that the page lists."""
-
-DISAGREE = 2.0
-"""Prior sds between estimate and prior that count as a prior-data conflict."""
+CORRELATED = 0.95  # correlation of two coefficients that the page lists
+DISAGREE = 2.0  # prior sds between estimate and prior that count as a prior-data conflict
 
 SOURCES = (
     "Yao, Vehtari, Simpson & Gelman (2018), Using stacking to average Bayesian predictive distributions, "

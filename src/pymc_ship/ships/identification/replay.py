@@ -26,9 +26,7 @@ from pymc_ship.ships.identification.open_loop import reading_noise_sd, simulate_
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import as_trial, check_trial, facility_of, trial_list
 
-SCORED = ("u", "v", "r", "psi", "position")
-"""Channels of a score; the position is the distance between the tracks."""
-
+SCORED = ("u", "v", "r", "psi", "position")  # channels of a score; the position is the distance between the tracks
 _VELOCITIES = SCORED[:3]
 _OF_WINDOW = ("square", "coverage", "crps")
 _MEASURED = ("u", "v", "r", "psi", "delta")

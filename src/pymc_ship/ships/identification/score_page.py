@@ -25,9 +25,7 @@ PAGE = Page(
 )
 """Page of a score; its folder may hold that of the identification, too."""
 
-SHOWN = 4
-"""Runs whose windows are drawn."""
-
+SHOWN = 4  # runs whose windows are drawn
 _DRAWN = SCORED[:-1]
 
 
