@@ -51,28 +51,16 @@ EVIDENCE_WORDS = (
 
 @dataclass(frozen=True)
 class PosteriorKind:
-    """A kind of posterior and the sections of its page, listed in :data:`pymc_ship.diagnostics.page.POSTERIOR_KINDS`.
+    """A kind of posterior and the sections of its page, listed in :data:`.POSTERIOR_KINDS`."""
 
-    Attributes
-    ----------
-    check : callable
-        (tree, name): raises a ValueError for a tree of another kind.
-    coefficient_names, contraction : callable
-        (vessel, tree): coefficients in order; (tree): their contraction, or None where prior or data are missing.
-    verdict, origin, parts : callable
-        Of a comparison: sentences at the head, sentence on the origin of the draws, every part in order.
-    defaults, sources
-        Limits and literature of such a section, beyond those of all sections.
-    """
-
-    check: Callable[[xr.DataTree, str], None]
-    coefficient_names: Callable[[Vessel, xr.DataTree], list[str]]
-    verdict: Callable[[Comparison], list[str]]
-    origin: Callable[[Comparison], str]
-    parts: Callable[[Comparison, Vessel | None, np.random.Generator], list[Part]]
-    contraction: Callable[[xr.DataTree], xr.Dataset | None] = lambda _: None
-    defaults: str = ""
-    sources: tuple[str, ...] = ()
+    check: Callable[[xr.DataTree, str], None]  # ValueError for a tree of another kind
+    coefficient_names: Callable[[Vessel, xr.DataTree], list[str]]  # in order
+    verdict: Callable[[Comparison], list[str]]  # sentences at the head
+    origin: Callable[[Comparison], str]  # sentence on the origin of the draws
+    parts: Callable[[Comparison, Vessel | None, np.random.Generator], list[Part]]  # in order
+    contraction: Callable[[xr.DataTree], xr.Dataset | None] = lambda _: None  # None where prior or data are missing
+    defaults: str = ""  # limits of such a section, beyond those of all sections
+    sources: tuple[str, ...] = ()  # literature, likewise
 
 
 @dataclass

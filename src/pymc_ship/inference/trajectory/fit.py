@@ -158,22 +158,14 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class TrajectoryFit:
-    """Posterior mode and its normal (Laplace) approximation, given the scales of the prior.
-
-    Attributes
-    ----------
-    unknowns : ndarray, shape (n_unknowns,); coefficients, then initial state and offsets of each run, physical units
-    square_root : ndarray, shape (n_unknowns, n_unknowns); R with R R' the posterior covariance, physical units
-    residuals : tuple of ndarray, shape (n_channels, n_blocks); whitened misfit of each run
-    log_evidence : float; up to a constant for a partly flat prior
-    """
+    """Posterior mode and its normal (Laplace) approximation, given the scales of the prior."""
 
     problem: Problem
-    unknowns: np.ndarray
-    square_root: np.ndarray
-    residuals: tuple[np.ndarray, ...]
+    unknowns: np.ndarray  # (n_unknowns,); coefficients, then initial state and offsets of each run, physical units
+    square_root: np.ndarray  # (n_unknowns, n_unknowns); R with R R' the posterior covariance, physical units
+    residuals: tuple[np.ndarray, ...]  # (n_channels, n_blocks); whitened misfit of each run
     log_likelihood: float
-    log_evidence: float
+    log_evidence: float  # up to a constant for a partly flat prior
 
     @property
     def coefficients(self) -> np.ndarray:

@@ -25,34 +25,21 @@ FEWEST_BLOCKS = 20  # least number of blocks of a record
 
 @dataclass(frozen=True)
 class Run:
-    """One trial prepared for the trajectory likelihood.
+    """One trial prepared for the trajectory likelihood."""
 
-    Attributes
-    ----------
-    channels : tuple of str; measured channels, of u, v, r, p, phi, psi, x, y
-    samples : ndarray, shape (n_channels, n_time); raw values, SI units and rad
-    inputs : ndarray, shape (4, n_time); rudder, revolutions and wind of the equations of motion, without error
-    start, interval : float; time of the first sample and sampling interval [s]
-    block, substeps : int; samples in a block, and integration steps in a sampling interval
-    sample_sd : ndarray, shape (n_channels,); noise sd of one sample
-    nominal_speed : float; first guess of u where it is not measured [m/s]
-    rolls, heads : bool; whether the vessel rolls, and whether forces depend on the heading, which is then a state
-    restart : tuple of two ndarray of shape (n_states,), optional; mean and sd of the prior of the initial state
-    """
-
-    channels: tuple[str, ...]
-    samples: np.ndarray
-    inputs: np.ndarray
-    start: float
-    interval: float
-    block: int
+    channels: tuple[str, ...]  # measured channels, of u, v, r, p, phi, psi, x, y
+    samples: np.ndarray  # (n_channels, n_time); raw values, SI units and rad
+    inputs: np.ndarray  # (4, n_time); rudder, revolutions and wind of the equations of motion, without error
+    start: float  # time of the first sample [s]
+    interval: float  # sampling interval [s]
+    block: int  # samples in a block
     method: str
-    substeps: int
-    sample_sd: np.ndarray
-    nominal_speed: float
-    rolls: bool
-    heads: bool
-    restart: tuple[np.ndarray, np.ndarray] | None = None
+    substeps: int  # integration steps in a sampling interval
+    sample_sd: np.ndarray  # (n_channels,); noise sd of one sample
+    nominal_speed: float  # first guess of u where it is not measured [m/s]
+    rolls: bool  # whether the vessel rolls
+    heads: bool  # whether forces depend on the heading, which is then a state
+    restart: tuple[np.ndarray, np.ndarray] | None = None  # (n_states,) each; mean and sd of the prior initial state
 
     @property
     def n_states(self) -> int:

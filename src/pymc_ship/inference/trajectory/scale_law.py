@@ -24,18 +24,11 @@ _CONVERGED = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ScaleLaw:
-    """Law of the scales of all coefficients.
+    """Law of the scales of all coefficients."""
 
-    Attributes
-    ----------
-    exponents : ndarray, shape (n_coefficients, n_factors); E, zero in the rows of coefficients with a fixed normal law
-    center : ndarray, shape (n_factors,); prior mean of eta
-    names : tuple of str; of the factors
-    """
-
-    exponents: np.ndarray
-    center: np.ndarray
-    names: tuple[str, ...]
+    exponents: np.ndarray  # (n_coefficients, n_factors); E, zero in the rows of coefficients with a fixed normal law
+    center: np.ndarray  # (n_factors,); prior mean of eta
+    names: tuple[str, ...]  # of the factors
 
     @property
     def is_scaled(self) -> np.ndarray:

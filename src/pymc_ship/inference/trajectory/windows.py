@@ -56,26 +56,17 @@ class Window:
 
 @dataclass(frozen=True)
 class WindowFit:
-    """Coefficients (n_coefficients,) fitted to windows of several runs.
-
-    Attributes
-    ----------
-    from_windows, from_prior : ndarray; parts of the covariance, by scatter of the windows' gradients and by the prior
-    information : ndarray; curvature of the negative log posterior with initial states profiled out
-    channel_sd : dict of str to float; root mean square residual of each channel, SI
-    design_effect : float; variance of the gradients of windows over that of independent residuals
-    mode : TrajectoryFit or None; fit with normal priors equivalent to Student's t; None for a law without windows
-    """
+    """Coefficients (n_coefficients,) fitted to windows of several runs."""
 
     vessel: Vessel
     coefficients: np.ndarray
-    from_windows: np.ndarray
-    from_prior: np.ndarray
-    information: np.ndarray
-    channel_sd: dict[str, float]
-    design_effect: float
+    from_windows: np.ndarray  # part of the covariance by the scatter of the windows' gradients
+    from_prior: np.ndarray  # part of the covariance by the prior
+    information: np.ndarray  # curvature of the negative log posterior with initial states profiled out
+    channel_sd: dict[str, float]  # root mean square residual of each channel, SI
+    design_effect: float  # variance of the gradients of windows over that of independent residuals
     n_windows: int
-    mode: TrajectoryFit | None = None
+    mode: TrajectoryFit | None = None  # with normal priors equivalent to Student's t; None for a law without windows
 
     @property
     def prior(self) -> CoefficientPrior:

@@ -25,16 +25,10 @@ _INSIDE = 0.95  # probability of intervals
 
 @dataclass(frozen=True)
 class ManoeuvringSummary:
-    """Summary of an identified ship.
+    """Summary of an identified ship."""
 
-    Attributes
-    ----------
-    forecasts : dict of str to DataTree; of the standard manoeuvres, by their label, with intervals of 95 %
-    sentences : tuple of str; tactical diameter of the turning circles, and the recommended next run
-    """
-
-    forecasts: dict[str, xr.DataTree]
-    sentences: tuple[str, ...]
+    forecasts: dict[str, xr.DataTree]  # of the standard manoeuvres, by their label, with intervals of 95 %
+    sentences: tuple[str, ...]  # tactical diameter of the turning circles, and the recommended next run
 
 
 def manoeuvring_summary(ship: Ship, rng: np.random.Generator) -> ManoeuvringSummary:

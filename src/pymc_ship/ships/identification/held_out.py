@@ -39,24 +39,12 @@ _RECORD_DRAWS = 40  # draws of the denoised motion of a recorded manoeuvre
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Fits without each run, and their predictions of it.
+    """Fits without each run, and their predictions of it."""
 
-    Attributes
-    ----------
-    fits : tuple of WindowFit
-        Fit to all runs but that of the same index.
-    coefficients : tuple of ndarray, shape (n_coefficients,)
-        Of each fit, with the constants (such as current) of the held-out run.
-    log_density : ndarray, shape (n_runs,)
-        Log predictive density of each run; minus infinity with a diverged window.
-    rms : dict of str to float
-        RMS error of each channel over the held-out windows that did not diverge [SI].
-    """
-
-    fits: tuple[WindowFit, ...]
-    coefficients: tuple[np.ndarray, ...]
-    log_density: np.ndarray
-    rms: dict[str, float]
+    fits: tuple[WindowFit, ...]  # fit to all runs but that of the same index
+    coefficients: tuple[np.ndarray, ...]  # (n_coefficients,) of each fit, with the constants of the held-out run
+    log_density: np.ndarray  # (n_runs,); log predictive density, minus infinity with a diverged window
+    rms: dict[str, float]  # RMS error of each channel over the held-out windows that did not diverge [SI]
 
     def draws(self, k: int, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draws of the fit without run k, with the constants of the run, (count, n_coefficients)."""

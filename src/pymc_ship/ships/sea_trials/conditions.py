@@ -34,26 +34,16 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class Conditions:
-    """Conditions of a sea trial; NaN or empty where unknown.
+    """Conditions of a sea trial; NaN or empty where unknown."""
 
-    Attributes
-    ----------
-    water_depth : float; [m]
-    sea_state : float; code of the WMO, 0 to 9
-    wind : (float, float) or None; speed [m/s] and direction of origin [deg] of the true wind
-    fore, aft, full_load : float; draughts forward and aft, and the mean draught at full load [m]
-    speed_at_85_percent : float; speed at 85 % of the highest engine output [m/s]
-    form : dict of str to str; texts by the keys of :data:`TEXTS`
-    """
-
-    water_depth: float = math.nan
-    sea_state: float = math.nan
-    wind: tuple[float, float] | None = None
-    fore: float = math.nan
-    aft: float = math.nan
-    full_load: float = math.nan
-    speed_at_85_percent: float = math.nan
-    form: dict[str, str] = field(default_factory=dict)
+    water_depth: float = math.nan  # [m]
+    sea_state: float = math.nan  # code of the WMO, 0 to 9
+    wind: tuple[float, float] | None = None  # speed [m/s] and direction of origin [deg] of the true wind
+    fore: float = math.nan  # draught forward [m]
+    aft: float = math.nan  # draught aft [m]
+    full_load: float = math.nan  # mean draught at full load [m]
+    speed_at_85_percent: float = math.nan  # speed at 85 % of the highest engine output [m/s]
+    form: dict[str, str] = field(default_factory=dict)  # texts by the keys of TEXTS
 
     def draught(self, vessel: Vessel) -> float:
         """Mean draught of the trial [m], else that of the vessel, else NaN."""

@@ -35,20 +35,13 @@ _LONGER = 1.3  # simulated time over that of the record, for slower draws
 
 @dataclass(frozen=True)
 class Model:
-    """Models for the corrections of wind and loading.
+    """Models for the corrections of wind and loading."""
 
-    Attributes
-    ----------
-    models : list of (Vessel, ndarray of shape (n_draws, n_coefficients)); empty for no correction
-    tried : Vessel or None; at the loading of the trial
-    loaded : Vessel or None; at full load, where that is another loading
-    wind : bool; whether the models have wind forces; True in calm
-    """
-
+    # vessels with draws (n_draws, n_coefficients); empty for no correction
     models: list[tuple[Vessel, np.ndarray]] = field(default_factory=list)
-    tried: Vessel | None = None
-    loaded: Vessel | None = None
-    wind: bool = True
+    tried: Vessel | None = None  # at the loading of the trial
+    loaded: Vessel | None = None  # at full load, where that is another loading
+    wind: bool = True  # whether the models have wind forces; True in calm
 
 
 def corrected_indices(
