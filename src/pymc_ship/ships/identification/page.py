@@ -15,7 +15,7 @@ from pymc_ship.inference.captive.comparison import captive_figure, comparison_pa
 from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, heads, number, table
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.manoeuvre.steering_record import approach_speed
 from pymc_ship.physics.vessel.parts import FIXED_SD
@@ -48,6 +48,7 @@ from pymc_ship.ships.identification.opening import (
 )
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import named_trials, sampling_interval
+from pymc_ship.trial.units import Unit
 
 CORRELATED = 0.95  # correlation of two coefficients that the page lists
 DISAGREE = 2.0  # prior sds between estimate and prior that count as a prior-data conflict
@@ -61,29 +62,12 @@ SOURCES = (
 )
 
 _FIGURES = (
-    "turns_and_overshoots",
-    "diverging_motion",
-    "held_out_windows",
-    "held_out_overshoots",
-    "term_set_scores",
-    "force_curves",
-    "captive_forces",
-    "spiral",
+    *("turns_and_overshoots", "diverging_motion", "held_out_windows", "held_out_overshoots"),
+    *("term_set_scores", "force_curves", "captive_forces", "spiral"),
 )
-_OF_PARAMETER = ("estimate", "sd", "known_value", "known_sd")
 _TABLES = (
-    *(
-        "runs",
-        "checks",
-        "term_sets",
-        "refusals",
-        "held_out_indices",
-        "harder_indices",
-        "model_error",
-        "coefficients",
-        "correlations",
-    ),
-    "captive",
+    *("runs", "checks", "term_sets", "refusals", "held_out_indices", "harder_indices", "model_error"),
+    *("coefficients", "correlations", "captive"),
 )
 
 PAGE = Page(
@@ -103,12 +87,8 @@ REFUSED = Page(
 )
 """The page of an identification without a term set."""
 
-_REFUSALS: Columns = {
-    "terms": ("term set", str),
-    "manoeuvre": ("fails in", str),
-    "time": ("after [s]", number(3)),
-    "fault": ("the ship", str),
-}
+_REFUSALS = heads(str, terms="term set", manoeuvre="fails in") | heads(number(3), time="after [s]")
+_REFUSALS |= heads(str, fault="the ship")
 
 
 def write_ship_report(
@@ -259,14 +239,8 @@ def run_rows(
         row: dict[str, Any] = {"run": name, "manoeuvre": "none recognised" if manoeuvre is None else manoeuvre.label}
         row |= {"duration": duration, "duration_L_U": duration / unit, "approach_speed": approach_speed(trial)}
         row |= {"sampling": sampling_interval(trial), "fitted_at": sampling_interval(thin_record(trial, result.vessel))}
-        made = [check for check in checks.get(name, ()) if check.verdict != "not checked"]
-        rows.append(
-            row
-            | {
-                "checks": len(made),
-                "verdict": worst_verdict(check.verdict for check in made) if made else "not checked",
-            }
-        )
+        made = [check.verdict for check in checks.get(name, ()) if check.verdict != "not checked"]
+        rows.append(row | {"checks": len(made), "verdict": worst_verdict(made) if made else "not checked"})
     return rows
 
 
@@ -289,11 +263,8 @@ def term_set_rows(result: ShipIdentification) -> list[dict]:
         row = {"terms": candidate.name, "coefficients": candidate.fit.coefficients.size, "weight": candidate.weight}
         row |= {"score": -np.inf if lost else float(score), "to_best": -np.inf if lost else float(score - best)}
         row |= {f"rms_{channel}": np.nan if lost else sd for channel, sd in candidate.held_out.rms.items()}
-        row |= {
-            "inflation": candidate.inflation,
-            "design_effect": candidate.fit.design_effect,
-            "draws": len(candidate.draws),
-        }
+        row |= {"inflation": candidate.inflation, "design_effect": candidate.fit.design_effect}
+        row["draws"] = len(candidate.draws)
         row["infeasible_fraction"] = candidate.infeasible_fraction if len(candidate.draws) else np.nan
         known = TERM_SETS | PART_SETS
         about = known[candidate.name].description if candidate.name in known else "terms of the vessel file"
@@ -304,15 +275,16 @@ def term_set_rows(result: ShipIdentification) -> list[dict]:
 def coefficient_rows(candidate: Candidate) -> list[dict]:
     """Estimate and sd (sandwich, inflated) of each coefficient, its prior and scale inflation, prime values."""
     vessel, sd = candidate.vessel, np.sqrt(np.diag(candidate.fit.covariance))
-    held = {c.name: c for c in (*(c for force in vessel.forces.values() for c in force), *vessel.parameters)}
+    by_name = {c.name: c for c in (*(c for force in vessel.forces.values() for c in force), *vessel.parameters)}
     pairs, scale_inflation = correlation_rows(candidate), candidate.fit.prior.scale / candidate.prior.scale
     columns, rows = (coefficient_names(vessel), candidate.fit.coefficients, sd, scale_inflation), []
     for name, value, spread, factor in zip(*columns, strict=True):
-        center, width = (held[name].value, held[name].sd) if held[name].sd > 0.0 else (np.nan, np.nan)
+        known = by_name[name]
+        center, width = (known.value, known.sd) if known.sd > 0.0 else (np.nan, np.nan)
         partners = [row["second" if row["first"] == name else "first"] for row in pairs if name in row.values()]
         row = {"coefficient": name, "estimate": float(value), "sd": float(spread)}
         row |= {"known_value": center, "known_sd": width, "prior_sds_away": float((value - center) / width)}
-        row |= {"scale_inflation": float(factor), "unit": held[name].unit, "source": held[name].source}
+        row |= {"scale_inflation": float(factor), "unit": known.unit, "source": known.source}
         rows.append(row | {"correlated_with": " ".join(partners)})
     return rows
 
@@ -332,12 +304,13 @@ def correlation_rows(candidate: Candidate) -> list[dict]:
 def _figures(
     result: ShipIdentification, trials: Sequence[xr.Dataset], seed: int, captive: xr.Dataset | None
 ) -> dict[str, Figure]:
-    best, drawn = result.candidates[0], {}
+    best = result.candidates[0]
     density = np.where(np.isfinite(best.held_out.log_density), best.held_out.log_density, -np.inf)
     order = np.argsort(density, kind="stable").tolist()
     ends = {order[-1]: "best", order[0]: "worst"} if len(trials) > 1 else {0: "only"}
-    heads = {f"{result.names[k]}, the {word} forecast run": k for k, word in ends.items()}
-    drawn["held_out_windows"] = restarted_motion({head: held_out_windows(best, trials, k) for head, k in heads.items()})
+    titles = {k: f"{result.names[k]}, the {word} forecast run" for k, word in ends.items()}
+    runs = {title: held_out_windows(best, trials, k) for k, title in titles.items()}
+    drawn = {"held_out_windows": restarted_motion(runs)}
     if any("overshoot" in name for name in result.held_out_indices["index"].values):
         drawn["held_out_overshoots"] = held_out_overshoots(result.held_out_indices)
     if len(result.candidates) > 1:
@@ -395,11 +368,8 @@ def _steering(result: ShipIdentification, given: Vessel | None) -> list[str]:
             sentences.append(f"{text}{stated}.")
     if len(result.ship.facilities) > 1:
         return [*sentences, f"Forecasts use the gear of {main} by default."]
-    return (
-        [*sentences, "Fits and forecasts use the measured values."]
-        if result.ship.facilities[first].n_reversals
-        else sentences
-    )
+    measured = ["Fits and forecasts use the measured values."] if result.ship.facilities[first].n_reversals else []
+    return [*sentences, *measured]
 
 
 def _unchecked(rows: Sequence[Mapping]) -> str:
@@ -410,76 +380,48 @@ def _unchecked(rows: Sequence[Mapping]) -> str:
 
 def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
     """Tables of the page, by name; those without rows are left out."""
-    n = number(3)
-    channels = tuple(dict.fromkeys(name for candidate in result.candidates for name in candidate.held_out.rms))
-    runs: Columns = {
-        "run": ("run", str),
-        "manoeuvre": ("recognised as", str),
-        "duration": ("duration s", fixed_point(0)),
-    }
-    runs |= {"duration_L_U": ("in L/U", fixed_point(1)), "approach_speed": ("approach speed m/s", fixed_point(2))}
-    runs |= {"sampling": ("sampled every s", n), "fitted_at": ("fitted every s", n)}
-    runs |= {"checks": ("checks made", fixed_point(0)), "verdict": ("worst of them", str)}
-    sets: Columns = {
-        "terms": ("term set", str),
-        "coefficients": ("coefficients", fixed_point(0)),
-        "weight": ("weight %", fixed_point(1)),
-    }
-    sets |= {"score": ("held-out elpd", _score), "to_best": ("less the best", _score)}
-    sets |= _rms_columns(channels) | {
-        "inflation": ("sd inflation", fixed_point(2)),
-        "design_effect": ("design effect", fixed_point(0)),
-    }
-    sets |= {
-        "draws": ("draws", fixed_point(0)),
-        "infeasible_fraction": ("diverged %", fixed_point(1)),
-        "about": ("what it is", str),
-    }
-    held: Columns = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "unit": ("", str)}
-    held |= {key: (key, fixed_point(2)) for key in ("measured", "forecast", "error", "sd", "z")}
-    known: Columns = {"known_value": ("known beforehand", fixed_point(1)), "known_sd": ("± sd", fixed_point(1))}
-    known |= {"prior_sds_away": ("sd away", fixed_point(1))}
-    coefficients: Columns = {
-        "coefficient": ("coefficient", str),
-        "estimate": ("estimate", fixed_point(1)),
-        "sd": ("sd", fixed_point(1)),
-    }
-    coefficients |= known | {"correlated_with": (f"correlated beyond {CORRELATED:g} with", str)}
-    pairs: Columns = {
-        "first": ("coefficient", str),
-        "second": ("with", str),
-        "correlation": ("correlation", fixed_point(3)),
-    }
-    heads = {"median": "sd [%]", "upper": "95 % below"}
-    sizes: Columns = {key: (head, lambda value: fixed_point(1)(100.0 * value)) for key, head in heads.items()}
-    tables: dict[str, tuple[list[dict], Columns]] = {
+    n, vessel = number(3), result.candidates[0].vessel
+    units = {name: CHANNELS[name].unit for candidate in result.candidates for name in candidate.held_out.rms}
+    runs = heads(str, run="run", manoeuvre="recognised as") | heads(fixed_point(0), duration="duration s")
+    runs |= heads(fixed_point(1), duration_L_U="in L/U") | heads(fixed_point(2), approach_speed="approach speed m/s")
+    runs |= heads(n, sampling="sampled every s", fitted_at="fitted every s")
+    runs |= heads(fixed_point(0), checks="checks made") | heads(str, verdict="worst of them")
+    sets = heads(str, terms="term set") | heads(fixed_point(0), coefficients="coefficients")
+    sets |= heads(fixed_point(1), weight="weight %") | heads(_score, score="held-out elpd", to_best="less the best")
+    sets |= {f"rms_{name}": (f"rms {name} {unit.display}", _three_digits) for name, unit in units.items()}
+    sets |= heads(fixed_point(2), inflation="sd inflation")
+    sets |= heads(fixed_point(0), design_effect="design effect", draws="draws")
+    sets |= heads(fixed_point(1), infeasible_fraction="diverged %") | heads(str, about="what it is")
+    held_out = heads(str, run="run", manoeuvre="manoeuvre", index="index", unit="")
+    held_out |= {key: (key, fixed_point(2)) for key in ("measured", "forecast", "error", "sd", "z")}
+    known = heads(fixed_point(1), known_value="known beforehand", known_sd="± sd", prior_sds_away="sd away")
+    coefficients = heads(str, coefficient="coefficient") | heads(fixed_point(1), estimate="estimate", sd="sd") | known
+    coefficients |= heads(str, correlated_with=f"correlated beyond {CORRELATED:g} with")
+    pairs = heads(str, first="coefficient", second="with") | heads(fixed_point(3), correlation="correlation")
+    percents = heads(lambda value: fixed_point(1)(100.0 * value), median="sd [%]", upper="95 % below")
+    lines: dict[str, tuple[list[dict], Columns]] = {
         "runs": (rows["runs"], runs),
-        "term_sets": ([_shown(row, channels) for row in rows["term_sets"]], sets),
+        "term_sets": ([_shown(row, units) for row in rows["term_sets"]], sets),
         "refusals": (rows["refusals"], _REFUSALS),
-        "held_out_indices": ([_named(row) for row in rows["held_out_indices"]], held),
+        "held_out_indices": ([_named(row) for row in rows["held_out_indices"]], held_out),
         "harder_indices": (
             [_named(row) for row in rows["harder_indices"]],
-            held | {"beyond": ("ranges beyond the milder runs", fixed_point(1))},
+            held_out | heads(fixed_point(1), beyond="ranges beyond the milder runs"),
         ),
-        "model_error": (rows["model_error"], {"kind": ("kind", str)} | sizes | {"unit": ("of", str)}),
+        "model_error": (rows["model_error"], heads(str, kind="kind") | percents | heads(str, unit="of")),
         "correlations": (rows["correlations"], pairs),
         "captive": comparison_page_table(rows["captive"]),
     }
-    if result.candidates[0].vessel.modular:
-        four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}
-        four = {"coefficient": ("parameter", str)} | four | {"prior_sds_away": ("sd away", fixed_point(1))}
-        free = [row for row in rows["coefficients"] if row["known_sd"] > FIXED_SD]
-        tables["parameters"] = (free, four | {"unit": ("unit, or what it is", str), "source": ("known from", str)})
-    for dof in result.candidates[0].vessel.dofs if not result.candidates[0].vessel.modular else ():
-        mine = [row for row in rows["coefficients"] if row["coefficient"][0] == LETTER[dof]]
-        tables[f"coefficients_{dof}"] = ([_prime(row) for row in mine], coefficients)
-    return {name: table(lines, columns) for name, (lines, columns) in tables.items() if lines}
-
-
-def _rms_columns(channels: Sequence[str]) -> dict:
-    return {
-        f"rms_{channel}": (f"rms {channel} {CHANNELS[channel].unit.display}", _three_digits) for channel in channels
-    }
+    if vessel.modular:
+        parameters = heads(str, coefficient="parameter")
+        parameters |= heads(number(4), estimate="estimate", sd="sd", known_value="known beforehand", known_sd="± sd")
+        parameters |= heads(fixed_point(1), prior_sds_away="sd away")
+        parameters |= heads(str, unit="unit, or what it is", source="known from")
+        lines["parameters"] = ([row for row in rows["coefficients"] if row["known_sd"] > FIXED_SD], parameters)
+    for dof in vessel.dofs if not vessel.modular else ():
+        of_dof = [row for row in rows["coefficients"] if row["coefficient"][0] == LETTER[dof]]
+        lines[f"coefficients_{dof}"] = ([_prime(row) for row in of_dof], coefficients)
+    return {name: table(lines_of, columns) for name, (lines_of, columns) in lines.items() if lines_of}
 
 
 def _three_digits(value: float) -> str:
@@ -490,12 +432,10 @@ def _score(value: object) -> str:
     return "−∞" if value == -np.inf else fixed_point(1)(value)
 
 
-def _shown(row: Mapping, channels: Sequence[str]) -> dict:
+def _shown(row: Mapping, units: Mapping[str, Unit]) -> dict:
     """Row of a term set with rates in degrees and shares in percent."""
-    cells = dict(row)
-    for channel in channels:
-        cells[f"rms_{channel}"] = CHANNELS[channel].unit.display_factor * row.get(f"rms_{channel}", np.nan)
-    return cells | {key: 100.0 * row[key] for key in ("weight", "infeasible_fraction")}
+    cells = {f"rms_{name}": unit.display_factor * row.get(f"rms_{name}", np.nan) for name, unit in units.items()}
+    return dict(row) | cells | {key: 100.0 * row[key] for key in ("weight", "infeasible_fraction")}
 
 
 def _named(row: Mapping) -> dict:

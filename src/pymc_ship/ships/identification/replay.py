@@ -324,20 +324,13 @@ def _samples(trial: xr.Dataset, start: float | None, duration: float | None) -> 
 
 def channel_rows(scores: xr.Dataset) -> list[dict]:
     """One row for each channel of each run of a score."""
-    keys = ("rmse", "relative", "coverage", "crps")
-    return [
-        {"run": run, "channel": channel, **{key: float(scores[key].sel(run=run, channel=channel)) for key in keys}}
-        for run in scores["run"].values.tolist()
-        for channel in scores["channel"].values.tolist()
-    ]
+    columns = scores[["rmse", "relative", "coverage", "crps"]].to_dataframe(dim_order=["run", "channel"])
+    return columns.reset_index().to_dict("records")
 
 
 def run_rows(scores: xr.Dataset) -> list[dict]:
     """One row for each run of a score."""
-    keys = ("windows", "diverged", "score")
-    return [
-        {"run": run, **{key: float(scores[key].sel(run=run)) for key in keys}} for run in scores["run"].values.tolist()
-    ]
+    return scores[["windows", "diverged", "score"]].astype(float).to_dataframe().reset_index().to_dict("records")
 
 
 def index_errors(indices: xr.Dataset) -> list[dict]:

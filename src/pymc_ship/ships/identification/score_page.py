@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, fixed_point, number, table
+from pymc_ship.pages.tables import fixed_point, heads, number, table
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 from pymc_ship.ships.identification.replay import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
@@ -71,34 +71,32 @@ def write_score_page(
     """
     ship, trials = as_ship(ship), named_trials(trials)
     rows, runs = channel_rows(scores), run_rows(scores)
-    unit, percent = number(3), fixed_point(0)
-    channels: Columns = {"run": ("run", str), "channel": ("channel", str), "rmse": ("RMSE [SI]", unit)}
-    channels |= {"relative": ("RMSE over motion", unit), "coverage": ("inside %", percent), "crps": ("CRPS [SI]", unit)}
-    by_run: Columns = {"run": ("run", str), "windows": ("windows", percent), "diverged": ("diverged", percent)}
-    by_run |= {"score": ("score", unit)}
-    heads: Columns = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str)}
-    heads |= {name: (name, unit) for name in ("measured", "forecast", "error")}
-    heads |= {"sd": ("± sd", unit), "inside": ("inside 95 %", str)}
+    n, percent = number(3), fixed_point(0)
+    channels = heads(str, run="run", channel="channel") | heads(n, rmse="RMSE [SI]", relative="RMSE over motion")
+    channels |= heads(percent, coverage="inside %") | heads(n, crps="CRPS [SI]")
+    by_run = heads(str, run="run") | heads(percent, windows="windows", diverged="diverged") | heads(n, score="score")
+    columns = heads(str, run="run", manoeuvre="manoeuvre", index="index")
+    columns |= heads(n, measured="measured", forecast="forecast", error="error", sd="± sd")
+    columns |= heads(str, inside="inside 95 %")
     index_error_rows, selected = index_errors(indices), list(trials)[:SHOWN]
     values = {
         "vessel": ship.vessel,
         "attrs": scores.attrs,
         "covered": 100.0 * float(scores["coverage"].mean()),
         "tables": {
-            "channels": table([_in_percent(row) for row in rows], channels),
+            "channels": table([row | {"coverage": 100.0 * row["coverage"]} for row in rows], channels),
             "runs": table(runs, by_run),
-            "indices": table(index_error_rows, heads),
+            "indices": table(index_error_rows, columns),
         },
         "missed": _missed(index_error_rows),
         "shown": selected,
         "command": command,
     }
-    length = max(scores.attrs["length"], scores.attrs["every"])
-    figures = {"score_channels": errors_by_channel(scores)}
     selected_trials = {name: trials[name] for name in selected}
-    figures["score_windows"] = windows_of(
-        ship, selected_trials, scores.attrs["length"], length, draws, ci_prob=scores.attrs["ci_prob"]
-    )
+    length, ci_prob = scores.attrs["length"], scores.attrs["ci_prob"]
+    every = max(length, scores.attrs["every"])
+    windows = windows_of(ship, selected_trials, length, every, draws, ci_prob=ci_prob)
+    figures = {"score_channels": errors_by_channel(scores), "score_windows": windows}
     tables = {"score_channels": rows, "score_runs": runs, "score_indices": index_error_rows}
     return write_page(PAGE, out, Content(values, figures, tables))
 
@@ -112,35 +110,19 @@ def _missed(rows: Sequence[Mapping]) -> str:
     return text if missed else ""
 
 
-def _in_percent(row: Mapping) -> dict:
-    return {**row, "coverage": 100.0 * row["coverage"]}
-
-
 @house_style
 def errors_by_channel(scores: xr.Dataset) -> Figure:
     """Error over the motion and coverage of the bands by channel, a dot for each run, from :func:`pymc_ship.score`."""
     fig, axes = subplots(8.0, 3.2, 1, 2)
     positions = np.arange(scores.sizes["channel"])
     offsets = np.linspace(-0.2, 0.2, scores.sizes["run"]) if scores.sizes["run"] > 1 else np.zeros(1)
-    for ax, key, factor, label in zip(
-        axes[0],
-        ("relative", "coverage"),
-        (1.0, 100.0),
-        ("RMSE over motion", "instants inside the bands [%]"),
-        strict=True,
-    ):
-        values = factor * scores[key].values
-        for offset, row in zip(offsets, values, strict=True):
+    panels = (("relative", 1.0, "RMSE over motion"), ("coverage", 100.0, "instants inside the bands [%]"))
+    for ax, (key, factor, label) in zip(axes[0], panels, strict=True):
+        values = factor * scores[key]
+        for offset, row in zip(offsets, values.values, strict=True):
             ax.plot(positions + offset, row, "o", ms=4, color=BLUE, alpha=0.7)
-        ax.plot(
-            positions,
-            factor * scores[key].mean("run").values,
-            "_",
-            ms=22,
-            mew=1.6,
-            color=RUST,
-            label="mean of the runs",
-        )
+        mean = factor * scores[key].mean("run").values
+        ax.plot(positions, mean, "_", ms=22, mew=1.6, color=RUST, label="mean of the runs")
         ax.set_xticks(positions, scores["channel"].values.tolist())
         ax.set_ylabel(label)
         ax.set_ylim(0.0, None if key == "relative" else 104.0)
