@@ -9,16 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pymc_ship.inference.regression.calibration import (
-    coverage,
-    exact_draws,
-    rank_p_value,
-    simulation_based_calibration,
-)
+from pymc_ship.inference.regression.calibration import exact_draws, rank_p_value, simulation_based_calibration
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.gibbs import gibbs
 from pymc_ship.inference.sampling.regression_model import nuts_posterior
+from tests.consistency.coverage import coverage
 from tests.consistency.geweke import geweke
 from tests.inference.regression.peers import simulated
 from tests.sentences import refused
@@ -228,5 +224,3 @@ class TestErrors:
         rng = np.random.default_rng(1)
         with refused(ValueError, "draws", 1, 99):
             simulation_based_calibration(*case("conjugate"), simulations=0, rng=rng)
-        with refused(ValueError, "simulations", 1, 0):
-            coverage(*case("conjugate"), simulations=0, rng=rng)

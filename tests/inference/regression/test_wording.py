@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.inference.regression.calibration import coverage, simulation_based_calibration
+from pymc_ship.inference.regression.calibration import simulation_based_calibration
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.cross_validation import cross_validation, fold_rows
 from pymc_ship.inference.regression.families import FAMILIES
@@ -111,9 +111,9 @@ def on_a_full_disk(tmp_path, monkeypatch):
 
 test_value_errors = wording(
     ValueError,
-    *(
-        (rf"Counts must be 1 or more, found .*'{name}': {number}", partial(function, *case(), simulations=0, rng=RNG))
-        for function, name, number in [(simulation_based_calibration, "draws", 99), (coverage, "simulations", 0)]
+    (
+        "Counts must be 1 or more, found simulations=0, draws=99; raise them",
+        partial(simulation_based_calibration, *case(), simulations=0, rng=RNG),
     ),
     *(
         (

@@ -9,6 +9,6 @@
 - `tree`: posterior draws as a DataTree, and its files.
 - `cross_validation`: log predictive density of held-out blocks of rows.
 - `tune`: hyperparameters by evidence or by Bayesian optimisation.
-- `calibration`: simulation-based calibration and coverage.
+- `calibration`: simulation-based calibration.
 - `identify`: all degrees of freedom of a trial; posteriors pooled over draws of a denoised trial.
 """

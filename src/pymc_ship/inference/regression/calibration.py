@@ -1,15 +1,15 @@
-"""Simulation-based calibration and coverage of posteriors, on data simulated from the prior."""
+"""Simulation-based calibration of posteriors, on data simulated from the prior."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy import special, stats
+from scipy import special
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
@@ -57,7 +57,8 @@ def simulation_based_calibration(
     """
     rng = random_generator(rng)
     check_prior(prior)
-    _positive(simulations=simulations, draws=draws)
+    if min(simulations, draws) < 1:
+        raise ValueError(f"Counts must be 1 or more, found {simulations=}, {draws=}; raise them.")
     ranks = np.empty((simulations, data.n_terms + 2), dtype=int)
     for k in range(simulations):
         truth, simulated = simulated_from_prior(data, prior, rng)
@@ -66,37 +67,6 @@ def simulation_based_calibration(
     names = [*data.coefficients, "noise_variance", "log_likelihood"]
     values = {"rank": (("simulation", "quantity"), ranks), "p_value": ("quantity", p), "z": ("quantity", _z(p))}
     return with_z_limit(xr.Dataset(values, {"quantity": names}))
-
-
-def coverage(
-    data: RegressionData,
-    prior: Prior,
-    quantiles: Callable[[RegressionData, Prior, np.ndarray], np.ndarray] | None = None,
-    *,
-    probabilities: Sequence[float] = (0.5, 0.8, 0.95),
-    simulations: int = 200,
-    rng: Seed,
-) -> xr.Dataset:
-    """Coverage of central posterior intervals over simulated data sets, against their probability.
-
-    Data, prior, simulations and rng as for :func:`simulation_based_calibration`. ``quantiles(data, prior,
-    probabilities)`` returns posterior quantiles, shape (n, n_terms + 1), that of the noise variance last; those of the
-    exact posterior by default. Dataset with dims interval, quantity: ``share``, and ``z`` from the binomial test; attrs
-    as the calibration.
-    """
-    rng = random_generator(rng)
-    check_prior(prior)
-    _positive(simulations=simulations)
-    level = np.asarray(probabilities, dtype=float)
-    ends = np.concatenate([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
-    inside = np.zeros((level.size, data.n_terms + 1), dtype=int)
-    for _ in range(simulations):
-        truth, simulated = simulated_from_prior(data, prior, rng)
-        low, high = np.split((quantiles or _exact_quantiles)(simulated, prior, ends), 2)
-        inside += (low < truth[:-1]) & (truth[:-1] < high)
-    p = [[stats.binomtest(int(k), simulations, at).pvalue for k in row] for row, at in zip(inside, level, strict=True)]
-    values = {"share": (("interval", "quantity"), inside / simulations), "z": (("interval", "quantity"), _z(p))}
-    return with_z_limit(xr.Dataset(values, {"interval": level, "quantity": [*data.coefficients, "noise_variance"]}))
 
 
 def rank_p_value(ranks: np.ndarray, draws: int) -> float:
@@ -148,11 +118,6 @@ def quantities(data: RegressionData, draws: Draws) -> np.ndarray:
     return np.column_stack([coefficients, variance, log_likelihood])
 
 
-def _exact_quantiles(data: RegressionData, prior: Prior, probabilities: np.ndarray) -> np.ndarray:
-    exact = prior.exact(data)
-    return np.column_stack([exact.quantiles(probabilities), exact.noise_variance_quantiles(probabilities)])
-
-
 def _z(p_value: ArrayLike) -> np.ndarray:
     """Two-sided normal quantile of p-values."""
     return np.abs(special.ndtri(0.5 * np.asarray(p_value)))
@@ -163,8 +128,3 @@ def with_z_limit(table: xr.Dataset) -> xr.Dataset:
     size, largest = table["z"].size, float(np.abs(table["z"].to_numpy()).max())
     limit = float(_z(LEVEL / size))
     return table.assign_attrs(comparisons=size, largest_z=largest, z_limit=limit, calibrated=int(largest <= limit))
-
-
-def _positive(**counts: int) -> None:
-    if min(counts.values()) < 1:
-        raise ValueError(f"Counts must be 1 or more, found {counts}; raise them.")
