@@ -81,7 +81,9 @@ def comparison_page_table(rows: Sequence[Mapping]) -> tuple[list[dict], dict]:
 @house_style
 def captive_figure(bands: xr.Dataset) -> Figure:
     """Measured forces and bands against drift, yaw rate and rudder, the others zero, near the median speed."""
-    motion = _figure_motion(bands)
+    u, v, r, delta = (bands[name].values for name in ("u", "v", "r", "delta"))
+    motion = {"beta": np.rad2deg(np.arctan2(-v, u)), "r": r * bands.attrs["L"] / np.hypot(u, v)}
+    motion["delta"] = np.rad2deg(delta)
     series = _series(bands, motion)
     forces = [name for name in FORCES if f"{name}_band" in bands]
     columns = max(len(series), 1)
@@ -113,10 +115,3 @@ def _series(bands: xr.Dataset, motion: Mapping[str, np.ndarray]) -> dict[str, np
         if tests.size >= _FEWEST and np.ptp(values[tests]) > 0.0:
             series[name] = tests[np.argsort(values[tests])]
     return series
-
-
-def _figure_motion(bands: xr.Dataset) -> dict[str, np.ndarray]:
-    """Drift angle and rudder angle [deg] and prime yaw rate of the tests."""
-    u, v, r, delta = (bands[name].values for name in ("u", "v", "r", "delta"))
-    yaw = r * bands.attrs["L"] / np.hypot(u, v)
-    return {"beta": np.rad2deg(np.arctan2(-v, u)), "r": yaw, "delta": np.rad2deg(delta)}

@@ -119,8 +119,10 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     if column is not None:
         scale[column] = max(scale[column], _REVOLUTIONS)
     coefficients, sd, design, residuals = _mode(tests, vessel, replace(prior, scale=scale))
-    groups = np.tile(_groups(tests), len(sd))
-    design_effect = _design_effect(design, residuals, groups, scale)
+    speed = np.round(np.log(np.hypot(tests["u"].values, tests["v"].values)) / _SAME_SPEED)
+    sides = [np.sign(np.round(tests[name].values, 9)) for name in ("v", "r", "delta")]
+    groups = np.unique(np.column_stack([speed, *sides]), axis=0, return_inverse=True)[1]  # at one speed, on one side
+    design_effect = _design_effect(design, residuals, np.tile(groups, len(sd)), scale)
     design, residuals = design / np.sqrt(design_effect), residuals / np.sqrt(design_effect)
     orthogonal, triangle = np.linalg.qr(design)
     response = triangle @ coefficients + orthogonal.T @ residuals
@@ -173,13 +175,6 @@ def _mode(
             break
     design = (slopes / sd[:, None, None]).reshape(-1, coefficients.size)
     return coefficients, dict(zip(names, sd.tolist(), strict=True)), design, (misfit / sd[:, None]).ravel()
-
-
-def _groups(tests: xr.Dataset) -> np.ndarray:
-    """Number of the group of each test: those on the same side in drift, yaw and rudder at the same speed."""
-    speed = np.round(np.log(np.hypot(tests["u"].values, tests["v"].values)) / _SAME_SPEED)
-    sides = [np.sign(np.round(tests[name].values, 9)) for name in ("v", "r", "delta")]
-    return np.unique(np.column_stack([speed, *sides]), axis=0, return_inverse=True)[1]
 
 
 def _design_effect(design: np.ndarray, residuals: np.ndarray, groups: np.ndarray, scale: np.ndarray) -> float:

@@ -207,7 +207,9 @@ def _with_table(
     mean, scale, unit, names = prior.mean.copy(), prior.scale.copy(), prior.unit.copy(), coefficient_names(vessel)
     is_fixed = np.zeros(mean.size, dtype=bool)
     is_fixed[mean.size - len(vessel.parameters) :] = True
-    for name, (center, sd) in (_vessel_file_priors(vessel) | dict(table or {})).items():
+    in_file = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
+    known = {c.name: (c.value, c.sd) for c in in_file if c.sd > 0.0}
+    for name, (center, sd) in (known | dict(table or {})).items():
         if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
             raise InferenceError(
                 f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "
@@ -225,9 +227,3 @@ def _with_table(
             tuple(groups[k].name for k in chosen),
         )
     return replace(prior, mean=mean, scale=scale, unit=unit, law=law)
-
-
-def _vessel_file_priors(vessel: Vessel) -> dict[str, tuple[float, float]]:
-    """Mean and sd of the coefficients that have an ``sd`` in the vessel file."""
-    every = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
-    return {c.name: (c.value, c.sd) for c in every if c.sd > 0.0}

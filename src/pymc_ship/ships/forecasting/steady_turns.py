@@ -22,8 +22,7 @@ from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 RATES = np.linspace(-0.8, 0.8, 65)  # prime rates of turn r' = r L / U of the curve
 LARGEST_RUDDER = 40.0  # largest rudder angle of the curve [deg]
 SPIRAL_INDICES = {"loop_width": "deg", "residual_rate_starboard": "deg/s", "residual_rate_port": "deg/s"}
-
-
+_INSIDE = 0.95  # probability inside the band of a curve
 _ITERATIONS = 12
 _SMALL, _CONVERGED = 1e-6, 1e-8
 _LONGEST = 0.2  # change of an unknown in one step: of the speed, or rad
@@ -102,23 +101,23 @@ def spiral_sentence(turns: xr.Dataset) -> str:
 
 
 @house_style
-def spiral_curve(turns: xr.Dataset, *, ci_prob: float = 0.95) -> Figure:
+def spiral_curve(turns: xr.Dataset) -> Figure:
     """Rate of turn against rudder angle: median and band of the rudder at each rate."""
     fig, axes = subplots(5.6, 4.4)
-    draw_curve(axes[0, 0], turns, ci_prob)
+    draw_curve(axes[0, 0], turns)
     if axes[0, 0].get_legend_handles_labels()[1]:
         axes[0, 0].legend(loc="upper right")
     return fig
 
 
-def draw_curve(ax: Axes, turns: xr.Dataset | None, ci_prob: float) -> None:
-    """Draw median and band of a spiral, at rates where nearly all draws have a steady turn."""
-    is_shown = None if turns is None else np.isfinite(turns["delta"].values).mean(axis=0) > ci_prob
+def draw_curve(ax: Axes, turns: xr.Dataset | None) -> None:
+    """Draw median and 95 % band of a spiral, at rates where nearly all draws have a steady turn."""
+    is_shown = None if turns is None else np.isfinite(turns["delta"].values).mean(axis=0) > _INSIDE
     if turns is not None and np.any(is_shown):
-        tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
+        tails = [0.5 - 0.5 * _INSIDE, 0.5, 0.5 + 0.5 * _INSIDE]
         lower, median, upper = np.nanquantile(turns["delta"].values[:, is_shown], tails, axis=0)
         rate = np.nanmedian(turns["r"].values[:, is_shown], axis=0)
-        ax.fill_betweenx(rate, lower, upper, color=BLUE, alpha=0.25, lw=0, label=f"{100.0 * ci_prob:g} % band")
+        ax.fill_betweenx(rate, lower, upper, color=BLUE, alpha=0.25, lw=0, label="95 % band")
         ax.plot(median, rate, color=BLUE, label="median")
     ax.axhline(0.0, color=REFERENCE, lw=0.6)
     ax.axvline(0.0, color=REFERENCE, lw=0.6)

@@ -394,9 +394,8 @@ def partial_run_remarks(names: Sequence[str], training: Training, candidates: Se
         if sum(piece.sizes["time"] for piece in pieces) < trial.sizes["time"]:
             remarks.append(
                 f"Run {name}: sets for a ship ahead were fitted to the piece{'s' * (len(pieces) > 1)} "
-                f"{spans_text(pieces)}; in the "
-                f"rest the ship is below {SLOW:.0%} of its speed, drifts by more than {DRIFT:g} of it, turns on the "
-                f"spot, or moves ahead for less than {SHORTEST_PIECE:g} L/U."
+                f"{spans_text(pieces)}; in the rest the ship is below {SLOW:.0%} of its speed, drifts by more than "
+                f"{DRIFT:g} of it, turns on the spot, or moves ahead for less than {SHORTEST_PIECE:g} L/U."
             )
     return remarks
 
@@ -456,10 +455,8 @@ def _inflation(whole: WindowFit, validation: CrossValidation) -> float:
         spread = np.mean([np.log(sd / whole.effective_sd[name]) for name, sd in fit.effective_sd.items()])
         without = np.linalg.inv(prior + np.exp(2.0 * spread) * windows)
         change = fit.coefficients - whole.coefficients
-        observed, expected = (
-            observed + change @ window_precision @ change,
-            expected + np.trace(window_precision @ (without - covariance)),
-        )
+        observed += change @ window_precision @ change
+        expected += np.trace(window_precision @ (without - covariance))
     return float(np.clip(np.sqrt(observed / expected), 1.0, LARGEST_INFLATION)) if expected > 0.0 else 1.0
 
 

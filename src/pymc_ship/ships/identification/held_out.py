@@ -62,9 +62,7 @@ def cross_validate(
     ``runs`` are the windows of two runs or more, ``fit`` estimates the coefficients from the windows of several runs,
     and ``scored_windows`` are those for the score, by default the same.
     """
-    fits = []
-    for k in range(len(runs)):
-        fits.append(fit([window for j, windows in enumerate(runs) if j != k for window in windows]))
+    fits = [fit([window for j, run in enumerate(runs) if j != k for window in run]) for k in range(len(runs))]
     run_coefficients = [with_constants(windows, fold) for windows, fold in zip(runs, fits, strict=True)]
     return score_folds(scored_windows or runs, vessel, fits, run_coefficients)
 
@@ -106,19 +104,15 @@ def score_folds(
     sd = np.sqrt(np.mean(square[complete], axis=0)) if complete.any() else np.full(square.shape[1], np.nan)
     channels = runs[0][0].run.channels
     channel_rows = [row for row, name in enumerate(channels) if name in SCORED_CHANNELS]
-    log_density = np.array(
-        [
-            np.mean([_log_density(np.mean(misfit[channel_rows] ** 2, axis=1), sd[channel_rows]) for misfit in run])
-            for run in misfits
-        ]
-    )
-    return CrossValidation(
-        tuple(fits), tuple(run_coefficients), log_density, dict(zip(channels, sd.tolist(), strict=True))
-    )
+    by_window = [[_log_density(misfit[channel_rows], sd[channel_rows]) for misfit in run] for run in misfits]
+    log_density = np.array([np.mean(of_run) for of_run in by_window])
+    rms = dict(zip(channels, sd.tolist(), strict=True))
+    return CrossValidation(tuple(fits), tuple(run_coefficients), log_density, rms)
 
 
-def _log_density(square: np.ndarray, sd: np.ndarray) -> float:
+def _log_density(misfit: np.ndarray, sd: np.ndarray) -> float:
     """Log density of one window by the mean square of each channel."""
+    square = np.mean(misfit**2, axis=1)
     if not np.isfinite(square).all():
         return -np.inf
     return float(-np.sum(np.log(sd) + 0.5 * _LOG_2PI + 0.5 * square / sd**2))
@@ -214,10 +208,8 @@ def forecast_rows(
         models_with_index = [k for k, values in enumerate(forecasts) if name in values]
         if not models_with_index:
             continue
-        weights, index_draws = (
-            weight[models_with_index] / weight[models_with_index].sum(),
-            [forecasts[k][name] for k in models_with_index],
-        )
+        weights = weight[models_with_index] / weight[models_with_index].sum()
+        index_draws = [forecasts[k][name] for k in models_with_index]
         mean = np.array([values[0] for values in index_draws])
         sd = np.array([robust_sd(values[1:]) for values in index_draws])
         forecast = float(weights @ mean)

@@ -177,11 +177,10 @@ def score(
     means = {name: float(np.mean(np.concatenate([trial[name].values for trial in trials]))) for name in _VELOCITIES}
     settings: dict[str, Any] = {"windows": (length, every), "means": means, "draws": draws, "ci_prob": ci_prob}
     rows = {name: _score_run(ship, trial, **settings) for name, trial in zip(names, trials, strict=True)}
-    table = {
-        key: (("run", "channel"), np.array([row[key] for row in rows.values()])) for key in ("rmse", "coverage", "crps")
-    }
-    mean_squares = np.array([row["moved"] for row in rows.values()])
-    table["relative"] = ("run", "channel"), table["rmse"][1] / np.sqrt(np.mean(mean_squares, axis=0))
+    keys, dims = ("rmse", "coverage", "crps"), ("run", "channel")
+    table = {key: (dims, np.array([row[key] for row in rows.values()])) for key in keys}
+    mean_squares = np.array([row["mean_square_motion"] for row in rows.values()])
+    table["relative"] = dims, table["rmse"][1] / np.sqrt(np.mean(mean_squares, axis=0))
     by_run = {key: ("run", [row[key] for row in rows.values()]) for key in ("windows", "diverged")}
     scores = xr.Dataset(table | by_run, {"run": list(rows), "channel": list(SCORED)})
     scores["score"] = scores["relative"].mean("channel", skipna=False)
@@ -264,19 +263,16 @@ def _score_run(
     complete = [tree for tree in trees if np.isfinite(tree["bands"].dataset["u"].values[:, -1]).all()]
     noise = dict(zip(STATE, reading_noise_sd(trial).tolist(), strict=True))
     window_scores = [_score_window(tree, noise) for tree in complete]
-    missing = np.full(len(SCORED), np.nan)
-    mean = {
-        key: np.mean([window[key] for window in window_scores], axis=0) if window_scores else missing
-        for key in _OF_WINDOW
-    }
+    mean = dict.fromkeys(_OF_WINDOW, np.full(len(SCORED), np.nan))
+    if window_scores:
+        mean = {key: np.mean([window[key] for window in window_scores], axis=0) for key in _OF_WINDOW}
     n_diverged = len(trees) - len(complete)
-    rmse = missing if n_diverged else np.sqrt(mean["square"])
-    counts = {"windows": len(trees), "diverged": n_diverged}
-    mean_squares = np.mean([_mean_square_motion(tree["measured"].dataset, means) for tree in trees], axis=0)
-    return {"rmse": rmse, "moved": mean_squares, **mean, **counts}
+    mean["rmse"] = np.full(len(SCORED), np.nan) if n_diverged else np.sqrt(mean["square"])
+    mean["mean_square_motion"] = np.mean([_mean_square(tree["measured"].dataset, means) for tree in trees], axis=0)
+    return {**mean, "windows": len(trees), "diverged": n_diverged}
 
 
-def _mean_square_motion(measured: xr.Dataset, means: dict[str, float]) -> list[float]:
+def _mean_square(measured: xr.Dataset, means: dict[str, float]) -> list[float]:
     """Mean square of the motion of a window, in the order of :data:`SCORED`."""
     squares = []
     for name in SCORED[:-1]:

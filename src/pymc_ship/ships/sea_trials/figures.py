@@ -60,7 +60,7 @@ def spirals(measured: Mapping[str, xr.Dataset], turns: xr.Dataset | None) -> Fig
     """Steady rates of spiral tests against the rudder angle, and those of the identified ship."""
     fig, axes = subplots(8.0, 4.4)
     ax = axes[0, 0]
-    draw_curve(ax, turns, 0.95)
+    draw_curve(ax, turns)
     for (name, test), colour in zip(measured.items(), cycle((RUST, REFERENCE)), strict=False):
         ax.plot(test["delta"], test["r"], "o-", ms=4, lw=0.7, color=colour, label=f"{name}, measured")
     ax.legend(loc="upper right")
