@@ -110,10 +110,6 @@ def convergence_diagnostics(tree: xr.DataTree) -> list[dict]:
         khat = float(tree.attrs["pareto_khat"])
         where = "importance weights of the draws"
         return [_diagnostic("Pareto k-hat", khat, where, f"≤ {KHAT_LIMIT:g}", khat <= KHAT_LIMIT)]
-    return _chain_diagnostics(tree)
-
-
-def _chain_diagnostics(tree: xr.DataTree) -> list[dict]:
     import arviz as az
 
     table = summary(tree)

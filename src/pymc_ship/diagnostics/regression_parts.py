@@ -153,8 +153,12 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     if np.any(_of_coefficients(tree, summary)["sd"] if reference is None else reference):
         images = [("forest", figures.forest(tree, reference, published), note)]
     caption = f"{_PRIME}; equal-tailed (eti) intervals of {_CI}."
-    text = " ".join(_contraction(tree, narrowing) + _reference_coverage(_of_coefficients(tree, summary), reference))
-    return Part("Coefficients", text, [(rows, caption)], images)
+    sentences = [] if narrowing is None else [_contraction(tree)]
+    if reference is not None:
+        lower, upper = (_of_coefficients(tree, summary)[end].values for end in ("lower", "upper"))
+        inside = int(np.sum((lower <= reference) & (reference <= upper)))
+        sentences.append(f"The {_CI} intervals cover {inside} of {reference.size} reference values.")
+    return Part("Coefficients", " ".join(sentences), [(rows, caption)], images)
 
 
 def _of_coefficients(tree: xr.DataTree, summary: xr.Dataset) -> xr.Dataset:
@@ -167,22 +171,12 @@ def _known_contraction(tree: xr.DataTree) -> xr.Dataset | None:
     return None if numbers.missing(tree, *regression.required_variables(tree)) else regression.contraction(tree)
 
 
-def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
+def _contraction(tree: xr.DataTree) -> str:
     """Meaning of the contraction and of the words on evidence."""
-    if narrowing is None:
-        return []
-    own = regression.prior_of(tree) is None
-    normal, conjugate = f"a normal prior with the same central {_CI}", "the conjugate prior at the posterior mean of σ²"
-    variance = f"of {normal if own else conjugate}"
-    return [f"Contraction is 1 − posterior variance / prior variance (that {variance}). {parts.EVIDENCE_WORDS}"]
-
-
-def _reference_coverage(summary: xr.Dataset, reference: np.ndarray | None) -> list[str]:
-    """How many reference values the intervals cover."""
-    if reference is None:
-        return []
-    inside = int(np.sum((summary["lower"].values <= reference) & (reference <= summary["upper"].values)))
-    return [f"The {_CI} intervals cover {inside} of {reference.size} reference values."]
+    prior = "the conjugate prior at the posterior mean of σ²"
+    if regression.prior_of(tree) is None:
+        prior = f"a normal prior with the same central {_CI}"
+    return f"Contraction is 1 − posterior variance / prior variance (that of {prior}). {parts.EVIDENCE_WORDS}"
 
 
 def _quantities_to_draw(tree: xr.DataTree) -> list[str]:

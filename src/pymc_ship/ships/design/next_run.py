@@ -37,19 +37,12 @@ from pymc_ship.ships.ensemble.motion_error import SIZES, motion_error
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
 
-CANDIDATES = tuple(
-    make(*angles, side=side)
-    for make, angles in (
-        (zigzag, (10, 10)),
-        (zigzag, (20, 20)),
-        (zigzag, (35, 35)),
-        (turning_circle, (15,)),
-        (turning_circle, (35,)),
-        (pull_out, (20, 90)),
-    )
-    for side in ("port", "starboard")
+_SIDES = ("port", "starboard")
+CANDIDATES = (
+    *(zigzag(angle, angle, side=side) for angle in (10, 20, 35) for side in _SIDES),
+    *(turning_circle(angle, side=side) for angle in (15, 35) for side in _SIDES),
+    *(pull_out(20, 90, side=side) for side in _SIDES),
 )
-
 _TARGET_QUANTITIES = ("angle", "distance")
 _REACHED = 0.9  # least fraction of the draws that reach an index
 _INSIDE = 0.95  # probability of intervals, and fraction of the draws inside the sea room

@@ -256,10 +256,8 @@ def _stopping_rows(stop: Mapping[str, float], L: float) -> list[dict]:
     for name, units in STOPPING.items():
         value = stop[name] / (L if units == "m" else 1.0)
         row: dict[str, Any] = {"manoeuvre": LABEL, "side": "", "index": name, "units": "L" if units == "m" else units}
-        row |= dict.fromkeys(("raw", "without_current", "corrected"), value) | {
-            "ratio": 1.0,
-            "corrected_for": "nothing",
-        }
-        row |= {"limit": LIMIT if name == "track_reach" and np.isfinite(value) else np.nan}
+        row |= dict.fromkeys(("raw", "without_current", "corrected"), value)
+        row |= {"ratio": 1.0, "corrected_for": "nothing"}
+        row["limit"] = LIMIT if name == "track_reach" and np.isfinite(value) else np.nan
         rows.append(row | dict.fromkeys(PARTS, np.full(1, np.nan)))
     return rows
