@@ -31,12 +31,12 @@ class TestForceCurves:
     def test_bands_hold_the_share_and_structures_are_pooled(self, container):
         flat = unmodelled_roll_text(container)
         models = [(container, scattered(container, 30)), (flat, 1.5 * scattered(flat, 10))]
-        ax = force_curves(models, ci_prob=0.5).axes[4]
+        ax = force_curves(models).axes[4]
         v = ax.get_lines()[0].get_xdata()
         curves = 1e3 * np.concatenate([force_draws(vessel, draws, "sway", "r", v) for vessel, draws in models])
         np.testing.assert_allclose(ax.get_lines()[0].get_ydata(), np.median(curves, axis=0))
         path = ax.collections[0].get_paths()[0].vertices
-        lower, upper = np.quantile(curves, [0.25, 0.75], axis=0)
+        lower, upper = np.quantile(curves, [0.025, 0.975], axis=0)
         assert path[:, 1].min() == pytest.approx(lower.min())
         assert path[:, 1].max() == pytest.approx(upper.max())
 

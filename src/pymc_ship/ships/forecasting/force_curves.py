@@ -7,7 +7,6 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.pages.drawing import BLUE, NOISE, house_style, subplots
-from pymc_ship.pages.tables import percent
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.captive import captive_test_forces
 from pymc_ship.physics.vessel.vessel import DOFS, LETTER, Vessel, coefficient_names
@@ -17,11 +16,11 @@ from pymc_ship.trial.channels import CHANNELS
 _FORCES = ("surge", "sway", "yaw")
 _HALF_RANGE = {"v": 0.4, "r": 0.8, "delta": np.deg2rad(40.0)}
 _AXES = {"v": f"{CHANNELS['v'].label}'", "r": f"{CHANNELS['r'].label}'", "delta": CHANNELS["delta"].axis}
-_GRID, _MARGIN = 81, 1.5
+_GRID, _MARGIN, _INSIDE = 81, 1.5, 0.95
 
 
 @house_style
-def force_curves(models: Models, ranges: xr.DataArray | None = None, *, ci_prob: float = 0.95) -> Figure:
+def force_curves(models: Models, ranges: xr.DataArray | None = None) -> Figure:
     """Prime force and moment of the hull and rudder against v', r' and rudder, one at a time at the nominal speed.
 
     ``models`` are pairs of a vessel and draws (n_draws, n_coefficients); ``ranges``, dims (row, symbol), is the prime
@@ -30,12 +29,10 @@ def force_curves(models: Models, ranges: xr.DataArray | None = None, *, ci_prob:
     if not models:
         raise ValueError("Force curves need at least one vessel with draws of its coefficients, found none; add one.")
     fig, axes = subplots(8.0, 6.4, len(_FORCES), len(_AXES), sharex="col")
-    tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
+    tails = [0.5 - 0.5 * _INSIDE, 0.5, 0.5 + 0.5 * _INSIDE]
     for column, symbol in enumerate(_AXES):
         trained = None if ranges is None else ranges.sel(symbol=symbol).values
-        half = (
-            _HALF_RANGE[symbol] if trained is None else max(_HALF_RANGE[symbol], _MARGIN * np.nanmax(np.abs(trained)))
-        )
+        half = max(_HALF_RANGE[symbol], 0.0 if trained is None else _MARGIN * np.nanmax(np.abs(trained)))
         values = np.linspace(-half, half, _GRID)
         factor = np.rad2deg(1.0) if symbol == "delta" else 1.0
         for row, dof in enumerate(_FORCES):
@@ -45,8 +42,7 @@ def force_curves(models: Models, ranges: xr.DataArray | None = None, *, ci_prob:
             if trained is not None:
                 ends = factor * np.nanmin(trained), factor * np.nanmax(trained)
                 ax.axvspan(*ends, color=NOISE, alpha=0.3, lw=0, zorder=0, label="range of the training record")
-            band_label = f"{percent(ci_prob)} band"
-            ax.fill_between(factor * values, lower, upper, color=BLUE, alpha=0.25, lw=0, label=band_label)
+            ax.fill_between(factor * values, lower, upper, color=BLUE, alpha=0.25, lw=0, label="95 % band")
             ax.plot(factor * values, median, color=BLUE, label="median")
             ax.set_xlim(-factor * half, factor * half)
             if column == 0:
