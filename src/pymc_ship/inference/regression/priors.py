@@ -324,10 +324,10 @@ def warn_of_units(data: RegressionData, prior: Prior) -> None:
             "a response too small for it": prior.scale == type(prior).scale and 0.0 < response < 1.0 / UNEVEN,
             "columns too small for it": not own_kappa and prior.noise_power > 0 and prior.kappa * columns < 1.0,
         }
-        found = " and ".join(fault for fault, present in faults.items() if present)
-        if found:
+        wrong = " and ".join(fault for fault, present in faults.items() if present)
+        if wrong:
             text = (
-                f"The default prior must suit the units of the data, found {found} (root mean square {response:.2g} of "
+                f"The default prior must suit the units of the data, found {wrong} (root mean square {response:.2g} of "
                 f"the response, {math.sqrt(columns):.2g} of a row of columns); take scaling='zscore', or kappa and "
                 "scale in these units."
             )

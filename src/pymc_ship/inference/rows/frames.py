@@ -251,11 +251,11 @@ def _check_terms(formula: str, frame: Any, matrices: Any) -> None:
         "no term": not terms,
         f"{_name_list(idle)} in no term": matrices.group is None and bool(idle),
     }
-    found = " and ".join(fault for fault, present in faults.items() if present)
-    if found:
+    present = " and ".join(fault for fault, applies in faults.items() if applies)
+    if present:
         raise InferenceError(
             "A formula has a response and terms that are the same for all rows, such as 'Y ~ v + r', found "
-            f"{found} in {short_repr(formula)}; change it."
+            f"{present} in {short_repr(formula)}; change it."
         )
 
 

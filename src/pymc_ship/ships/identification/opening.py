@@ -95,11 +95,11 @@ def opening_sentences(
     rows = {label: {row["index"]: row for row in index_rows(tree, result.vessel)} for label, tree in forecasts.items()}
 
     def less_favourable(manoeuvre: str, index: str) -> str:
-        found = {label: of[index] for label, of in rows.items() if label.startswith(manoeuvre) and index in of}
-        found = {label: row for label, row in found.items() if np.isfinite(row["median"])}
-        if not found:
+        of_side = {label: of[index] for label, of in rows.items() if label.startswith(manoeuvre) and index in of}
+        of_side = {label: row for label, row in of_side.items() if np.isfinite(row["median"])}
+        if not of_side:
             return f"{index} unknown"
-        label, row = max(found.items(), key=lambda pair: pair[1]["median"])
+        label, row = max(of_side.items(), key=lambda pair: pair[1]["median"])
         n = fixed_point(1 if row["units"] == "deg" else 2)
         beyond = " extrapolated" if forecasts[label].attrs["share_extrapolated"] > 0.0 else ""
         return f"{index} {n(row['median'])} {row['units']} ({n(row['lower'])} to {n(row['upper'])}{beyond})"
@@ -135,14 +135,14 @@ def _criteria(verdicts: Sequence[Mapping]) -> str:
 def fit_sentences(result: ShipIdentification, rows: Mapping[str, list[dict]], summary: Sequence[str]) -> list[str]:
     """Sentences on the fit, held-out runs, checks and the recommended run, from the rows of the page's tables."""
     best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
-    share = sum(row["weight"] * row["infeasible_fraction"] for row in drawn)
+    fraction = sum(row["weight"] * row["infeasible_fraction"] for row in drawn)
     worst = [row["run"] for row in rows["runs"] if row["verdict"] in DOUBTS]
     sentences = [
         f"{len(result.candidates)} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %.",
         *held_out_sentences(rows["held_out_indices"]),
         f"Runs with a doubtful check: {', '.join(worst)}." if worst else "No check of a run is doubtful.",
     ]
-    text = f"{rounded_percent(share)} diverged and were replaced by new draws" if share else "none diverged"
+    text = f"{rounded_percent(fraction)} diverged and were replaced by new draws" if fraction else "none diverged"
     return [*sentences, f"Every draw of the coefficients was simulated in six standard manoeuvres; {text}.", *summary]
 
 

@@ -401,11 +401,11 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     percents = heads(lambda value: fixed_point(1)(100.0 * value), median="sd [%]", upper="95 % below")
     lines: dict[str, tuple[list[dict], Columns]] = {
         "runs": (rows["runs"], runs),
-        "term_sets": ([_shown(row, units) for row in rows["term_sets"]], sets),
+        "term_sets": ([_term_set_cells(row, units) for row in rows["term_sets"]], sets),
         "refusals": (rows["refusals"], _REFUSALS),
-        "held_out_indices": ([_named(row) for row in rows["held_out_indices"]], held_out),
+        "held_out_indices": ([_index_cells(row) for row in rows["held_out_indices"]], held_out),
         "harder_indices": (
-            [_named(row) for row in rows["harder_indices"]],
+            [_index_cells(row) for row in rows["harder_indices"]],
             held_out | heads(fixed_point(1), beyond="ranges beyond the milder runs"),
         ),
         "model_error": (rows["model_error"], heads(str, kind="kind") | percents | heads(str, unit="of")),
@@ -420,7 +420,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
         lines["parameters"] = ([row for row in rows["coefficients"] if row["known_sd"] > FIXED_SD], parameters)
     for dof in vessel.dofs if not vessel.modular else ():
         of_dof = [row for row in rows["coefficients"] if row["coefficient"][0] == LETTER[dof]]
-        lines[f"coefficients_{dof}"] = ([_prime(row) for row in of_dof], coefficients)
+        lines[f"coefficients_{dof}"] = ([_prime_cells(row) for row in of_dof], coefficients)
     return {name: table(lines_of, columns) for name, (lines_of, columns) in lines.items() if lines_of}
 
 
@@ -432,16 +432,16 @@ def _score(value: object) -> str:
     return "−∞" if value == -np.inf else fixed_point(1)(value)
 
 
-def _shown(row: Mapping, units: Mapping[str, Unit]) -> dict:
+def _term_set_cells(row: Mapping, units: Mapping[str, Unit]) -> dict:
     """Row of a term set with rates in degrees and shares in percent."""
     cells = {f"rms_{name}": unit.display_factor * row.get(f"rms_{name}", np.nan) for name, unit in units.items()}
     return dict(row) | cells | {key: 100.0 * row[key] for key in ("weight", "infeasible_fraction")}
 
 
-def _named(row: Mapping) -> dict:
+def _index_cells(row: Mapping) -> dict:
     return dict(row) | {"index": row["index"].replace("_", " "), "unit": UNITS[row["kind"]]}
 
 
-def _prime(row: Mapping) -> dict:
+def _prime_cells(row: Mapping) -> dict:
     """Prime values times 1e5."""
     return dict(row) | {key: 1e5 * row[key] for key in ("estimate", "sd", "known_value", "known_sd")}
