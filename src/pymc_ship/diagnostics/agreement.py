@@ -245,11 +245,8 @@ def _comparison(trees: Mapping[str, xr.DataTree]) -> Comparison:
     labels = methods if len(set(methods)) == len(methods) else list(trees)
     prior = prior_of(first)
     others = dict(zip(labels[1:], rest, strict=True))
-    return Comparison(
-        name,
-        dict(zip(labels, trees.values(), strict=True)),
-        None if prior is None else agreement(prior.exact(data_of(first)), others),
-    )
+    compared = None if prior is None else agreement(prior.exact(data_of(first)), others)
+    return Comparison(name, dict(zip(labels, trees.values(), strict=True)), compared)
 
 
 def failure_sentence(compared: Sequence[Comparison]) -> str:

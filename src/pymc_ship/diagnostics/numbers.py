@@ -205,15 +205,11 @@ def prior_sensitivity(tree: xr.DataTree) -> list[dict]:
         moved = az.psense(tree, group=group, var_names=["coefficients", *scalars])
         results[group] = [*map(float, moved["coefficients"].values), *(float(moved[name]) for name in scalars)]
     names = [*map(str, tree["posterior"].dataset["coefficient"].values), *scalars]
-    return [
-        {
-            "quantity": name,
-            "prior": prior,
-            "likelihood": likelihood,
-            "diagnosis": _sensitivity_diagnosis(prior, likelihood),
-        }
-        for name, prior, likelihood in zip(names, results["prior"], results["likelihood"], strict=True)
-    ]
+    rows = []
+    for name, prior, likelihood in zip(names, results["prior"], results["likelihood"], strict=True):
+        row = {"quantity": name, "prior": prior, "likelihood": likelihood}
+        rows.append(row | {"diagnosis": _sensitivity_diagnosis(prior, likelihood)})
+    return rows
 
 
 def _sensitivity_diagnosis(prior: float, likelihood: float) -> str:

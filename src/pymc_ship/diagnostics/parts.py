@@ -120,11 +120,8 @@ def evidence_sentence(contraction: xr.Dataset) -> str:
     """Sentence on what determines the coefficients."""
     determined, prior, zero = evidence_counts(contraction)
     rest = [f"{prior} follow{'s' * (prior == 1)} the prior"] if prior else []
-    rest += (
-        [f"{zero} {'has an interval that includes' if zero == 1 else 'have intervals that include'} zero"]
-        if zero
-        else []
-    )
+    verb = "has an interval that includes" if zero == 1 else "have intervals that include"
+    rest += [f"{zero} {verb} zero"] if zero else []
     text = f"{determined} of {contraction.sizes['coefficient']} coefficients are determined by the data"
     return f"{text}; {' and '.join(rest)}." if rest else f"{text}."
 

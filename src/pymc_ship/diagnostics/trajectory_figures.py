@@ -33,10 +33,8 @@ def motion(tree: xr.DataTree, run: int) -> Figure:
         fig, pairs, rudder = _motion_panels(len(names))
         for (ax, below), name in zip(pairs, names, strict=True):
             factor = CHANNELS[name].unit.display_factor
-            measured, residual = (
-                tree["observed_data"].dataset["response"].sel(channel=name)[rows],
-                one.sel(channel=name),
-            )
+            measured = tree["observed_data"].dataset["response"].sel(channel=name)[rows]
+            residual = one.sel(channel=name)
             fitted = measured - residual * constant["block_sd"].isel(run_index=run).sel(channel=name)
             ax.plot(time, factor * measured, ".", color=NOISE, ms=2.0, label="measured, block means")
             ax.plot(time, factor * fitted, color=BLUE, label=f"fitted{shifted}")

@@ -259,8 +259,6 @@ def _summarise_extrapolation(departures: xr.Dataset) -> xr.Dataset:
     median_distance = ("time", quantiles(distance, [0.5])[0], departures["distance"].attrs)
     over_time = {"share_outside": ("time", fraction), "distance": median_distance}
     over_symbol = departures.drop_dims("time").median("draw", keep_attrs=True)
-    attrs = {
-        "share_extrapolated": float(outside.sum() / count.sum()),
-        "median_distance": float(np.median(distance[outside])) if outside.any() else 0.0,
-    }
+    beyond = float(np.median(distance[outside])) if outside.any() else 0.0
+    attrs = {"share_extrapolated": float(outside.sum() / count.sum()), "median_distance": beyond}
     return over_symbol.assign(over_time).assign_coords(time=departures["time"]).assign_attrs(attrs)

@@ -157,11 +157,7 @@ def diverging_motion(refusals: Sequence[Refusal]) -> Figure:
     """Speed and rate of turn of the diverging ships against time in L/U, with the feasible limits."""
     fig, axes = subplots(8.0, 4.2, 2, 1, sharex="col")
     speed_axes, turn_axes = axes[:, 0]
-    motions = [
-        (refusal.name, refusal.vessel, refusal.failure.motion)
-        for refusal in refusals
-        if refusal.vessel and refusal.failure
-    ]
+    motions = [(one.name, one.vessel, one.failure.motion) for one in refusals if one.vessel and one.failure]
     for name, vessel, ship in motions:
         particulars = vessel.particulars
         speed = np.hypot(ship["u"].values, ship["v"].values)

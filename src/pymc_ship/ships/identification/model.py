@@ -194,10 +194,8 @@ def identify_ship(
     rows = _held_out_indices(candidates, training, names, rng) if len(trials) > 1 else []
     all_rows = [*(index_rows(before.held_out_indices) if before else ()), *rows]
     errors = model_error(all_rows)
-    harder_rows = [
-        *(index_rows(before.harder_indices) if before else ()),
-        *_harder_indices(candidates, training, names, rng),
-    ]
+    earlier_harder = index_rows(before.harder_indices) if before else ()
+    harder_rows = [*earlier_harder, *_harder_indices(candidates, training, names, rng)]
     remarks += unscored_run_remarks(by_name, training.manoeuvres, fullest_vessel)
     remarks += [] if all_rows else [_NOTHING_HELD_OUT]
     progress("feasible draws")

@@ -104,14 +104,11 @@ def opening_sentences(
         beyond = " extrapolated" if forecasts[label].attrs["share_extrapolated"] > 0.0 else ""
         return f"{index} {n(row['median'])} {row['units']} ({n(row['lower'])} to {n(row['upper'])}{beyond})"
 
-    return [
-        *(
-            f"{manoeuvre.capitalize()}: {'; '.join(less_favourable(manoeuvre, index) for index in indices)}."
-            for manoeuvre, indices in _SUMMARY
-        ),
-        _criteria(verdicts),
-        stopping_advice(result.ship),
+    sentences = [
+        f"{manoeuvre.capitalize()}: {'; '.join(less_favourable(manoeuvre, index) for index in indices)}."
+        for manoeuvre, indices in _SUMMARY
     ]
+    return [*sentences, _criteria(verdicts), stopping_advice(result.ship)]
 
 
 def _criteria(verdicts: Sequence[Mapping]) -> str:
