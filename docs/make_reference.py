@@ -24,7 +24,7 @@ Public names after `import pymc_ship as ps`, by [district](../explanation/archit
 COMMANDS = """# Commands
 
 `pymc-ship COMMAND --help` prints the same. Wrong input ends with one sentence and exit status 2. Defaults are in
-parentheses. [Durations](durations.md) of every command.
+parentheses. Every command has `--quiet`. [Durations](durations.md) of every command.
 
 ## Common words
 
@@ -63,6 +63,8 @@ def commands() -> str:
     rows = {name: [(_word(action), _help(action)) for action in _words(command)] for name, command in choices.items()}
     counts = Counter(row for words in rows.values() for row in words)
     common = [row for row, count in counts.items() if count >= COMMON]
+    general = [row for row, count in counts.items() if count == len(rows)]
+    rows = {name: [row for row in words if row not in general] for name, words in rows.items()}
     pages = [_command(name, command, rows[name], common) for name, command in choices.items()]
     return COMMANDS + _list(common) + "".join(pages)
 
@@ -75,7 +77,7 @@ def _command(name: str, command: argparse.ArgumentParser, rows: list, common: li
     examples, remarks = _epilog(command.epilog)
     shared = ", ".join(re.sub(r"(--[\w-]+)[^`]*", r"\1", word) for word, text in rows if (word, text) in common)
     own = _list([row for row in rows if row not in common])
-    described = f"Common words: {shared}.\n" + (f"\n{own}" if own else "")
+    described = "\n".join(filter(None, [f"Common: {shared}.\n" if shared else "", own]))
     return f"\n## {name}\n\n{_sentence(command.description)}\n\n```sh\n{examples}\n```\n\n{remarks}{described}"
 
 

@@ -8,4 +8,6 @@
 - `texts`: printed tables and sentences.
 - `commands`: commands about one trial or one posterior.
 - `ship_commands`: commands about a real ship.
+- `check`: the command on one trial file.
+- `check_page`: its page, with track, heading and rudder.
 """

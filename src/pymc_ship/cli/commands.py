@@ -32,7 +32,6 @@ from pymc_ship.cli.files import (
 from pymc_ship.cli.parser import FAMILIES
 from pymc_ship.cli.texts import (
     CoefficientRow,
-    check_text,
     coefficient_rows,
     coefficient_table,
     criteria_table,
@@ -95,36 +94,10 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def check(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Check a trial; the text has the verdict of each check and the corrections."""
-    from pymc_ship.records.checks.trial_checks import doubtful_checks, failed_checks
+    """Check a trial, see :func:`pymc_ship.cli.check.check`."""
+    from pymc_ship.cli.check import check as checked
 
-    vessel = vessel_argument(args.vessel, progress) if args.vessel else None
-    trial = trial_argument(args.trial, args.format, progress)
-    out = output_file(args.out) if args.out else None
-    progress("checking")
-    checks = ps.trial_checks(trial, vessel)
-    text = [check_text(checks)]
-    if failure := failed_checks(checks):
-        return text[0], None, failure
-    failure = doubtful_checks(checks)
-    corrected = ps.corrected_trial(trial, checks)
-    text += _recognised_manoeuvre_text(corrected, vessel) if vessel else []
-    if not out:
-        return "\n".join(text), None, failure, 4
-    write_trial_file(corrected, out, args)
-    return "\n".join([*text, "", *(corrected.attrs["corrections"] or ["Nothing to correct."])]), out, failure, 4
-
-
-def _recognised_manoeuvre_text(trial: xr.Dataset, vessel: Vessel) -> list[str]:
-    """Recognised manoeuvre of a trial, or the reason for none, and roll that the vessel does not model."""
-    from pymc_ship.records.steering.recognition import STEERED, recognise, unrecognised_text
-
-    sentences = [_unmodelled_roll(trial, vessel)]
-    if set(STEERED) <= set(trial):
-        (manoeuvre,), _ = recognise([trial], vessel)
-        label = unrecognised_text(trial) if manoeuvre is None else f"The trial is recognised as a {manoeuvre.label}."
-        sentences.append(label)
-    return ["", *filter(None, sentences)]
+    return checked(args, progress)
 
 
 def _fit_arguments(

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import html
 import json
+import os
+import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,7 +27,8 @@ from pymc_ship.records.files.rudder_side import check_one_side
 Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str] | tuple[str, Path | None, str, int]
 
-_NOT_RECORDED = ("command", "out", "quiet")
+_RESULTS = (".csv", ".html", ".json")  # files of a result that have the command that made them
+_NOT_RECORDED = ("command", "force", "out", "quiet", "write_format")
 
 
 def vessel_argument(source: str, progress: Progress) -> Vessel:
@@ -94,12 +98,43 @@ def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str], **setti
     return manoeuvres
 
 
-def output_file(path: str) -> Path:
+def output_file(path: str, option: str = "--out") -> Path:
     """Path of a writable file; a missing folder is created."""
     if Path(path).is_dir():
-        raise OutputError(f"--out must be a file, found the folder {path}; give the name of a file in it.")
+        raise OutputError(f"{option} must be a file, found the folder {path}; give the name of a file in it.")
     writable_folder(final_path(path).parent)
     return Path(path)
+
+
+def check_replaced(args: argparse.Namespace) -> None:
+    """Raise OutputError where an output of a command would replace an input, or what another command or hand made.
+
+    A result of the same command may be replaced, and so may anything with ``--force``.
+    """
+    values = [value for key, value in vars(args).items() if key not in _NOT_RECORDED]
+    words = [word for value in values for word in (value if isinstance(value, list) else [value])]
+    inputs = {os.path.realpath(word) for word in words if isinstance(word, str) and Path(word).is_file()}
+    for option in ("out", "write_format"):
+        path = Path(getattr(args, option, None) or "")
+        if not path.name or not (path.is_file() or path.is_dir()) or getattr(args, "force", True):
+            continue
+        option = f"--{option.replace('_', '-')}"
+        if os.path.realpath(path) in inputs:
+            raise OutputError(f"{option} must not be an input, found {path}; give another name, or --force.")
+        if option == "--write-format" or not _is_remade(path, args):
+            raise OutputError(
+                f"{option} must be new or a result of the same command, found another at {path}; give another name, "
+                "or --force to replace it."
+            )
+
+
+def _is_remade(path: Path, args: argparse.Namespace) -> bool:
+    """Whether a command makes a file anew, or whether no result in a folder is of other options of it."""
+    own = made_by(args).split(" ", 2)[2]
+    files = [path] if path.is_file() else [one for one in path.glob("*.*") if one.suffix in _RESULTS and one.is_file()]
+    texts = [html.unescape(one.read_text("utf-8", "replace")).replace('\\"', '"') for one in files]
+    made = [(text.count(own), len(re.findall(rf"pymc-ship \S+ {args.command} {{", text))) for text in texts]
+    return all(mine == total for mine, total in made) and (path.is_dir() or sum(total for _, total in made) > 0)
 
 
 def made_by(args: argparse.Namespace) -> str:
@@ -117,6 +152,12 @@ def write_trial_file(trial: xr.Dataset, path: Path, args: argparse.Namespace) ->
         text = ps.write_trial(trial, partial).read_text(encoding="utf-8")
         remarks = [f"# {remark}\n" for remark in (made_by(args), *trial.attrs.get("corrections", ()))]
         partial.write_text("".join(remarks) + text, encoding="utf-8")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text that appears under its name only when it is complete."""
+    with staged_path(path) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def write_csv(

@@ -6,12 +6,14 @@ Choices are copies of those of the API, compared by a test, so that ``--help`` i
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable
 from typing import Any, NoReturn
 
 from pymc_ship import __version__
 from pymc_ship.cli.examples import EXAMPLES
 from pymc_ship.cli.words import INSTRUMENTS, angles, draws, flow, interval, names, noise, seed
+from pymc_ship.machine.names import did_you_mean
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.trial.channels import default_channels
 
@@ -54,8 +56,18 @@ class Parser(argparse.ArgumentParser):
             text = f"{text} (%(default)s)"
         self.add_argument(name, help=text, default=default, **settings)
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Arguments, all of which are known; a misspelt option exits with the nearest one."""
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            options = {option: None for action in self._actions for option in action.option_strings}
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{did_you_mean(unknown[0].split('=')[0], options)}")
+        return known, unknown
+
     def error(self, message: str) -> NoReturn:
         """Exit with status 2 and one sentence."""
+        if choice := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
+            message += did_you_mean(choice[1], re.findall(r"[^', ]+", choice[2]))
         self.exit(2, f"{sentence(f'{message}; see {self.prog} --help')}\n")
 
 
@@ -74,6 +86,8 @@ def parser() -> Parser:
         if name not in _WITHOUT_SEED:
             command.add("--seed", "seed of the random numbers, recorded in the output", 2020, type=seed)
         command.add("--quiet", "print results and errors only", False, action="store_true")
+        if name not in _CONTINUED:
+            command.add("--force", "replace an input or a result of another command", False, action="store_true")
         add_options(command)
     return words
 
@@ -110,7 +124,9 @@ def _add_manoeuvres(command: argparse._ActionsContainer, text: str, **settings: 
 def _check(command: Parser) -> None:
     _add_trial(command)
     command.add("--vessel", "shipped vessel or TOML file (none)")
-    command.add("--out", "CSV file of the corrected trial (not written)")
+    command.add("--out", "CSV file of the corrected trial, or .html page of the check (not written)")
+    text = "format file that reproduces this reading, to edit (not written)"
+    command.add("--write-format", text, metavar="FILE.toml")
 
 
 def _denoise(command: Parser) -> None:
@@ -295,3 +311,4 @@ _COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
 """Description of each command, and the function that adds its options."""
 
 _WITHOUT_SEED = ("check", "denoise", "montecarlo")  # commands that draw no random numbers
+_CONTINUED = ("study", "montecarlo", "report")  # commands that continue or renew an earlier result

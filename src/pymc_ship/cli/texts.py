@@ -107,12 +107,19 @@ def coefficient_table(rows: Sequence[CoefficientRow], families: Sequence[str]) -
     return table(("name", "dof", "reference", *columns), [(*key, *line) for key, line in lines.items()], caption)
 
 
-def check_text(checks: Iterable[Check]) -> str:
-    """One line for each check: name, verdict and sentence, bad checks first."""
+def check_rows(checks: Iterable[Check]) -> list[tuple[str, str, str]]:
+    """Name, verdict and sentence of each check, bad checks first; a correction in place of the remedy."""
+    from pymc_ship.records.checks.trial_checks import finding_text
+
     order = {verdict: rank for rank, verdict in enumerate(("bad", "doubtful", "good", "not checked"))}
     checks = sorted(checks, key=lambda check: order[check.verdict])
-    width = max(len(check.name) for check in checks)
-    rows = ((check.name, check.verdict, check.sentence.removeprefix("Not checked: ")) for check in checks)
+    return [(check.name, check.verdict, finding_text(check).removeprefix("Not checked: ")) for check in checks]
+
+
+def check_text(checks: Iterable[Check]) -> str:
+    """One line for each check: name, verdict and sentence, bad checks first."""
+    rows = check_rows(checks)
+    width = max(len(name) for name, _, _ in rows)
     return "\n".join(f"{name:{width}}  {verdict:11}  {sentence}" for name, verdict, sentence in rows)
 
 

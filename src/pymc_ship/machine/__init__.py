@@ -4,6 +4,7 @@
 - `files`: results that appear only when they are complete.
 - `checksums`: SHA-256 of result files, checked before a file is read.
 - `arguments`: checks of choices and numbers; an error is one sentence.
+- `names`: the known name nearest to a misspelt one.
 - `text`: UTF-8 text files, and what a file of another encoding is.
 - `fields`: the short `repr` of a dataclass.
 - `toml`: TOML files, checked key by key.

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from pymc_ship.machine.names import did_you_mean
+
 _SHORT = Repr(maxlevel=3, maxstring=60, maxlong=60, maxother=60)
 _LONGEST = 100
 _KINDS = {"c": "complex values", "U": "texts", "S": "texts", "M": "dates", "m": "durations"}  # of NumPy
@@ -30,7 +32,8 @@ def check_choice(what: str, value: object, choices: Iterable[str], error: type[V
     known = tuple(choices)
     if value not in known:
         names = ", ".join(choice if choice[:1].isalnum() else repr(choice) for choice in known)
-        raise error(f"{what} is one of {names}; found {short_repr(value)}; choose one of them.")
+        hint = did_you_mean(value, known)
+        raise error(f"{what} is one of {names}; found {short_repr(value)}{hint}; choose one of them.")
 
 
 def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pymc_ship.machine.arguments import check_choice, finite_number, short_repr
+from pymc_ship.machine.names import did_you_mean
 from pymc_ship.machine.text import TextError, file_text
 
 _LONGEST_KEY = 60
@@ -51,7 +52,8 @@ class Entry:
         self.check_table()
         for key in self:
             if key not in known:
-                raise self.error(f"{self.file}: unknown key {self._full_key(key)}; known here are {', '.join(known)}.")
+                names = f"{', '.join(known)}{did_you_mean(key, known)}"
+                raise self.error(f"{self.file}: unknown key {self._full_key(key)}; known here are {names}.")
         for key in required:
             if key not in self:
                 raise self.error(f"{self.file}: {self._full_key(key)} is missing; add it.")

@@ -10,6 +10,7 @@ from typing import Any
 
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import VesselError
+from pymc_ship.machine.names import did_you_mean
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.physics.forces.propeller import Propeller
 from pymc_ship.physics.forces.terms import UnknownTerm, factors, needs_propeller
@@ -64,7 +65,8 @@ def load_vessel(source: str | Path) -> Vessel:
     if path.suffix != ".toml":
         if str(source) not in shipped_vessels():
             names = ", ".join(shipped_vessels())
-            raise VesselError(f"A vessel is one of {names} or the path of a .toml file; found {str(source)!r}.")
+            hint = did_you_mean(str(source), shipped_vessels())
+            raise VesselError(f"A vessel is one of {names} or the path of a .toml file; found {str(source)!r}{hint}.")
         path = SHIPPED / f"{source}.toml"
     return _vessel(toml_file(path, "The vessel file", VesselError))
 

@@ -201,6 +201,14 @@ def doubtful_checks(checks: Iterable[Check]) -> str:
     return f"The record is corrected or doubtful: {', '.join(names)}; inspect it before a fit." if names else ""
 
 
+def finding_text(check: Check) -> str:
+    """Sentence of a check, in which the correction takes the place of the remedy."""
+    if not check.mendable or check.verdict == "bad":
+        return check.sentence
+    finding = check.sentence.rpartition(";")[0] or check.sentence.removesuffix(".")
+    return f"{finding}; mended: {_CORRECTION_TEXT[check.name](check)}"
+
+
 def _check_text(check: Check) -> str:
     return f"{check.name}: {check.sentence}"
 

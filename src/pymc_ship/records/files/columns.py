@@ -11,12 +11,16 @@ from typing import Any
 import numpy as np
 
 from pymc_ship.machine.errors import TrialError
+from pymc_ship.machine.names import did_you_mean
 from pymc_ship.trial.channels import CHANNELS, TIME, Channel, file_columns
 from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, spelling
 
 _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/s2", "deg/s2", "rad/s2", "g", "volt"))
 """Units of quantities that are not channels of a trial, such as power P or temperature T."""
 
+
+SI_UNIT = "no other stated"
+"""What a unit is known by if neither the file nor its format states it."""
 
 AIS = 4.733  # of the rate of turn, ITU-R M.1371-5, Table 48
 
@@ -31,7 +35,7 @@ CODES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
 class Column:
     """A column of a file: ``value = factor (sign cell + offset)`` in SI units, of the decoded cell.
 
-    ``stated``: whether the file or its format states the unit.
+    ``named_by`` and ``unit_by``: what the channel and the unit are known by; see :data:`SI_UNIT`.
     """
 
     channel: str
@@ -41,9 +45,24 @@ class Column:
     factor: float
     sign: float = 1.0
     offset: float = 0.0
-    stated: bool = True
     code: str = "none"
     missing: tuple[float, ...] = ()
+    named_by: str = "its name"
+    unit_by: str = "the heading"
+
+    @property
+    def stated(self) -> bool:
+        """Whether the file or its format states the unit."""
+        return self.unit_by != SI_UNIT
+
+    def choice(self) -> dict[str, Any]:
+        """Entry of a format file that reads this column; without the unit of a clock that none is stated of."""
+        entry: dict[str, Any] = {"column": self.heading}
+        if self.stated or self.channel != TIME.name:
+            entry["unit"] = self.unit
+        settings = {"sign": self.sign, "offset": self.offset, "code": self.code, "missing": list(self.missing)}
+        defaults = {"sign": 1.0, "offset": 0.0, "code": "none", "missing": []}
+        return entry | {key: value for key, value in settings.items() if value != defaults[key]}
 
     def si(self, cells: np.ndarray) -> np.ndarray:
         """Values in SI units, NaN for the numbers that stand for missing ones."""
@@ -116,14 +135,21 @@ def matched_columns(
     for channel, columns in candidates_by_channel.items():
         matched[channel] = _single_column(channel, columns, where)
         left_out += [column.heading for column in columns if column is not matched[channel]]
+    left_out = [f"{heading}{nearest_heading(heading, matched)}" for heading in left_out]
     if "time" not in matched or len(matched) < 2:
         lacking = "time" if "time" not in matched else f"any of {', '.join(CHANNELS)}"
         raise TrialError(
-            f"{where}: columns are time and any of {', '.join(CHANNELS)}, found {', '.join(headings)!r} without "
-            f"{lacking}; rename one or name it in a format file."
+            f"{where}: columns are time and any of {', '.join(CHANNELS)}, found {', '.join(left_out or headings)!r} "
+            f"without {lacking}; rename one or name it in a format file."
         )
     ordered = {name: matched[name] for name in quantities() if name in matched}
     return ordered, _reading_notes(ordered, left_out)
+
+
+def nearest_heading(heading: str, matched: Mapping[str, Column]) -> str:
+    """Question after the usual heading nearest to another one, of channels that no column has; empty if none is."""
+    lacking = [one for name, one in quantities().items() if name not in matched]
+    return did_you_mean(_name_and_unit(heading)[0], [word for one in lacking for word in (one.name, *one.headings)])
 
 
 def _candidates(
@@ -200,12 +226,19 @@ def _column_of_heading(
     unit = stated or unit_below or (name if channels[0].unit.factor(name) else None)
     if not unit:
         return _without_unit(index, heading, channels, where, unstated)
+    unit_by = "the heading" if unit != unit_below or stated else "the file"
     for channel in channels:
         if factor := channel.unit.factor(unit):
-            return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor)
+            known = {"named_by": _named_by(channel, name), "unit_by": unit_by}
+            return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor, **known)
     if is_unit(unit):
         return None
     raise TrialError(_unknown_unit(where, heading, channels[0], unit))
+
+
+def _named_by(channel: Channel, name: str) -> str:
+    """What a channel is known by in a file with this plain heading."""
+    return "its name" if name == plain_name(channel.name) else "a usual heading"
 
 
 class _UnstatedUnitError(TrialError):
@@ -230,13 +263,18 @@ def _without_unit(
         raise _UnstatedUnitError(
             f"{where}, column {heading!r}: its unit is not stated; state it, such as {_with_unit(heading)}."
         )
-    stated = channel.name in unstated
-    return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor, stated=stated)
+    known = {
+        "named_by": _named_by(channel, heading_name),
+        "unit_by": "the format file" if channel.name in unstated else SI_UNIT,
+    }
+    return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor, **known)
 
 
 def _unknown_unit(where: str, heading: str, channel: Channel, unit: str) -> str:
-    known = ", ".join(channel.unit.spellings)
-    return f"{where}, column {heading!r}: the unit of {channel.name} is one of {known}, found {unit!r}; correct it."
+    known, hint = ", ".join(channel.unit.spellings), did_you_mean(unit, channel.unit.spellings)
+    return (
+        f"{where}, column {heading!r}: the unit of {channel.name} is one of {known}, found {unit!r}{hint}; correct it."
+    )
 
 
 def _chosen_column(
@@ -251,15 +289,28 @@ def _chosen_column(
     matched = [index for index, heading in enumerate(headings) if heading == wanted]
     if len(matched) != 1:
         raise TrialError(
-            f"{where}: the format reads {channel.name} from one column {wanted!r}, found "
-            f"{len(matched)} of this name among {', '.join(headings)}; correct the format."
+            f"{where}: the format reads {channel.name} from one column {wanted!r}, found {len(matched)} of this name "
+            f"among {', '.join(headings)}{did_you_mean(wanted, headings)}; correct the format."
         )
-    stated = choice.get("unit") or _name_and_unit(wanted)[1] or units[matched[0]] or unstated
-    unit = stated or channel.unit.name
+    sources = (
+        ("the format file", choice.get("unit")),
+        ("the heading", _name_and_unit(wanted)[1]),
+        ("the file", units[matched[0]]),
+        ("the format file", unstated),
+        (SI_UNIT, channel.unit.name),
+    )
+    unit_by, unit = next((by, unit) for by, unit in sources if unit)
     factor = channel.unit.factor(unit)
     if factor is None:
         raise TrialError(_unknown_unit(where, wanted, channel, unit))
     signs = {key: choice[key] for key in ("sign", "offset", "code", "missing") if key in choice}
     return Column(
-        channel=channel.name, index=matched[0], heading=wanted, unit=unit, factor=factor, **signs, stated=bool(stated)
+        channel=channel.name,
+        index=matched[0],
+        heading=wanted,
+        unit=unit,
+        factor=factor,
+        **signs,
+        named_by="the format file",
+        unit_by=unit_by,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -112,6 +113,23 @@ def _column(entry: Entry, channel: str) -> dict[str, Any]:
     stand_ins = stand_ins if isinstance(stand_ins, list) else [stand_ins]
     missing = tuple(replace(entry.at("missing"), value=value).number() for value in stand_ins)
     return {**entry.value, "sign": sign, "offset": entry.at("offset", 0.0).number(), "missing": missing}
+
+
+def format_text(layout: TrialFormat, remark: str) -> str:
+    """Text of a format file, with a comment in its first line."""
+    top = {"delimiter": layout.delimiter, "skip_rows": layout.skip_rows, "facility": layout.facility}
+    frame = {key: getattr(layout, key) for key in ("axes", "reference", *_FRAME) if key != "forces"}
+    lines = [f"# {remark}", *(f"{key} = {_toml(value)}" for key, value in top.items() if value)]
+    for name, table in (("columns", layout.columns), ("frame", frame), ("scale", {"froude": layout.froude})):
+        lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    """Value of a key, a table in one line."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
 def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:

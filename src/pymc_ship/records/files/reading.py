@@ -26,7 +26,7 @@ from pymc_ship.records.files.format import (
     with_signs,
     with_true_wind,
 )
-from pymc_ship.records.files.rudder_side import with_rudder_side
+from pymc_ship.records.files.rudder_side import FOUND, with_rudder_side
 from pymc_ship.records.files.tables import binary_columns, cell_texts, nmea_columns
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
@@ -74,7 +74,23 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     >>> print(trial.attrs["reading"].splitlines()[-1])
     psi made continuous over 1 jump of 360 deg.
     """
+    return read_file(path, format).trial
+
+
+@dataclass(frozen=True)
+class FileReading:
+    """Trial of a file; the format that reproduces it, columns by channel, and the headings that were left out."""
+
+    trial: xr.Dataset
+    layout: TrialFormat
+    columns: dict[str, Column]
+    left_out: tuple[str, ...]
+
+
+def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = None) -> FileReading:
+    """Trial of a file as by :func:`read_trial`, with what each column was taken for."""
     path, layout = Path(path), load_format(format)
+    stated = layout
     table = _with_nanoseconds(text_table(path, layout))
     columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)
     clock, stamps = columns["time"], _stamps(table, columns["time"])
@@ -112,7 +128,12 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
         attrs["facility"] = layout.facility
     trial = xr.Dataset(variables, {"time": ("time", time, {"units": "s"})}, attrs)
     side = table.rudder_positive if layout.rudder_positive == "auto" else layout.rudder_positive
-    return with_rudder_side(trial, side or "auto", str(path))
+    trial = with_rudder_side(trial, side or "auto", str(path))
+    used = {column.index for column in columns.values()}
+    left_out = tuple(heading for k, heading in enumerate(table.headings) if heading and k not in used)
+    settings = {"rudder_positive": trial.attrs.get(FOUND, side or "auto")}
+    settings |= {"columns": {name: column.choice() for name, column in columns.items()}}
+    return FileReading(trial, replace(stated, **settings), columns, left_out)
 
 
 @dataclass(frozen=True)

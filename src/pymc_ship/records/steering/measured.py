@@ -10,13 +10,16 @@ import xarray as xr
 
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.manoeuvre.steering_record import base_course, first_execute, is_manoeuvre, rudder_reversals
 from pymc_ship.physics.manoeuvre.zigzags import BY_HAND
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import MIN_LENGTH, denoise
 from pymc_ship.records.denoising.draws import denoise_draws
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, channel_names
 from pymc_ship.trial.record import is_uniform
 
+_RATIOS = (10.0, 30.0)  # s, L over the approach speed beyond which the limits of IMO MSC.137(76) are constant
 _MOTION = channel_names(lambda channel: channel.part == "motion")
 
 
@@ -60,6 +63,31 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str
     reversals.
     """
     return indices_of_denoised(denoise_motion(measured), attrs)
+
+
+def measured_criteria(trial: xr.Dataset, manoeuvre: Manoeuvre, vessel: Vessel | None) -> list[dict[str, Any]]:
+    """Rows of the measured indices: index, value, unit, limit of IMO MSC.137(76) and verdict, empty without one.
+
+    Without a vessel, limits that depend on L over the approach speed are given for ships of 10 s and 30 s.
+    """
+    L, speed = (vessel.particulars.L if vessel else np.nan), manoeuvre.approach_speed or np.nan
+    ratios = (L / speed, L / speed) if vessel else _RATIOS
+    attrs = manoeuvre.attrs | {"approach_speed": speed}
+    ends = [{name: (limit, unit) for name, limit, unit in manoeuvre.traits.limits(attrs, ratio)} for ratio in ratios]
+    rows = []
+    for name, value in measured_indices(trial, attrs).items():
+        if not np.isfinite(value):
+            continue
+        row = {"index": name.replace("_", " "), "value": value, "unit": manoeuvre.traits.indices[name].units}
+        limit, verdict = "", ""
+        if name in ends[0]:
+            (low, unit), (high, _) = (end[name] for end in ends)
+            limit = f"{low:.4g} {unit}" if low == high else f"{low:.4g} to {high:.4g} {unit} by L/U"
+            limit += f" = {low * L:.4g} m" if unit == "L" and vessel else ""
+            size = L if unit == "L" else 1.0
+            verdict = "met" if value <= low * size else "not met" if value > high * size else "needs --vessel"
+        rows.append(row | {"limit": limit, "verdict": verdict})
+    return rows
 
 
 def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:

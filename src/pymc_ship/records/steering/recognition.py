@@ -75,13 +75,27 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     >>> print(f"{steering.rudder_rate_deg:.2f} deg/s")
     2.35 deg/s
     """
-    vessel, trials = as_vessel(vessel), trial_list(trials)
+    return _recognised(trial_list(trials), as_vessel(vessel).particulars.ship_time)
+
+
+def recognised_manoeuvre(trial: xr.Dataset, unit: float) -> Manoeuvre | None:
+    """Manoeuvre of one trial, as by :func:`recognise`, of a ship that covers its length in ``unit`` [s]."""
+    (manoeuvre,), _ = _recognised([trial], unit)
+    return manoeuvre
+
+
+def _recognised(trials: Sequence[xr.Dataset], unit: float) -> tuple[list[Manoeuvre | None], Steering]:
+    """Manoeuvres and steering gear, as by :func:`recognise`, with L/U [s]."""
     for trial in trials:
         check_trial(trial, STEERED, uniform=False)
     by_trial = [rudder_reversals(trial) for trial in trials]
     every = [reversal for reversals in by_trial for reversal in reversals]
+<<<<<<< HEAD
     unit = vessel.particulars.ship_time
     zigzags = [run for run in zip(trials, by_trial, strict=True) if run[1]]
+=======
+    zigzags = [swings(trial, reversals) for trial, reversals in zip(trials, by_trial, strict=True) if reversals]
+>>>>>>> cb30dfb4 (cli: check shows columns, manoeuvre, indices and a page; --force)
     delay = _common_delay(zigzags, _LONGEST_DELAY * unit) if every else np.nan
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
     records = [SteeringRecord(trial, reversals, delay) for trial, reversals in zip(trials, by_trial, strict=True)]

@@ -1,0 +1,18 @@
+"""The known name that a misspelt one is nearest to; imports nothing, as the command line reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+_LONGEST, _NEAR = 60, 0.75  # characters of a misspelt name, and its similarity to the known one as of difflib
+
+
+def did_you_mean(word: object, known: Iterable[str]) -> str:
+    """Question after the known name nearest to a word, in brackets with a space before; empty if none is near."""
+    from difflib import get_close_matches
+
+    if not isinstance(word, str) or len(word) > _LONGEST:
+        return ""
+    names = {name.lower(): name for name in known}
+    near = get_close_matches(word.lower(), names, 1, _NEAR)
+    return f" (did you mean {names[near[0]]}?)" if near else ""
