@@ -89,9 +89,10 @@ def _manoeuvre(trial: xr.Dataset, vessel: Vessel | None) -> tuple[str, list[tupl
     roll = "" if vessel is None or "roll" in vessel.dofs else unmodelled_roll_text(nonzero_channels(trial))
     if not set(STEERED) <= set(trial):
         return roll, []
-    manoeuvre = recognised_manoeuvre(trial, ship_scale(trial, vessel).time)
+    unit = ship_scale(trial, vessel).time
+    manoeuvre = recognised_manoeuvre(trial, unit)
     if manoeuvre is None:
-        return "\n".join(filter(None, [roll, unrecognised_text(trial)])), []
+        return "\n".join(filter(None, [roll, unrecognised_text(trial, unit)])), []
     sentence = f"The trial is recognised as a {manoeuvre.label}."
     rows = [tuple(row.values()) for row in measured_criteria(trial, manoeuvre, vessel)]
     return "\n".join(filter(None, [roll, sentence])), rows

@@ -318,8 +318,8 @@ def _measured(args: argparse.Namespace, ship: Ship, progress: Progress) -> dict[
     for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True):
         if manoeuvre is None:
             raise SimulationError(
-                f"--measured needs a recognised manoeuvre, found none in {name}. {unrecognised_text(trial)} Leave "
-                "it out."
+                f"--measured needs a recognised manoeuvre, found none in {name}. "
+                f"{unrecognised_text(trial, ship.vessel)} Leave it out."
             )
         label = manoeuvre.label if manoeuvre.label not in recognised else f"{manoeuvre.label} {name}"
         recognised[label] = manoeuvre, trial

@@ -182,3 +182,14 @@ def test_a_channel_that_stands_still_is_one_finding(zigzag, container, name, stu
     assert {key for key in alarms(checks) if checks[key].verdict == "bad"} == {"frozen channels"}
     assert checks["plausibility"].verdict == ("not checked" if name != "psi" else "good")
     assert f"{name} stands still" in " ".join(check.sentence for check in checks.values())
+
+
+@pytest.mark.parametrize(("course", "verdict"), [(0.0, "good"), (0.1, "bad")])
+def test_a_coordinate_stands_still_only_while_the_ship_heads_along_the_other(container, course, verdict):
+    """A ship gathers way along x; y is 0 until the rudder moves, also if the heading says otherwise."""
+    straight = ps.rudder_programme([0.0, 90.0, 91.0], [0.0, 0.0, 0.3], approach_speed=6.0)
+    run = simulated(container, straight, 200.0)
+    before = run["time"].values < 80.0
+    psi = np.where(before, course + 1e-4 * np.sin(run["time"].values), run["psi"].values)
+    run = changed(run, y=np.where(before, 0.0, run["y"].values), psi=psi)
+    assert checks_by_name(run, container)["frozen channels"].verdict == verdict

@@ -10,7 +10,8 @@ from pymc_ship.physics.forces.terms import evaluate
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.vessel import LETTER, Vessel
 from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, missing_channels_text, not_checked, straight_approach
-from pymc_ship.records.files.ship_scale import Blocks, ShipScale, least_squares
+from pymc_ship.records.files.ship_scale import Blocks, ShipScale
+from pymc_ship.records.steering.approach import speed_trend
 from pymc_ship.trial.record import sampling_interval
 
 STRAIGHT = 0.1  # mean of r, v or phi on the approach over the channel's largest magnitude; IMO asks for a steady course
@@ -41,24 +42,15 @@ def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
             if abs(ratio) > least and (name != "phi" or abs(ratio) * largest > np.deg2rad(UPRIGHT)):
                 faults.append(f"{name} is {ratio:+.0%} of its largest")
     if "u" in trial:
-        numbers_of_speed, faults_of_speed = _speed_trend(trial, n, scale)
-        numbers, faults = numbers + numbers_of_speed, faults + faults_of_speed
+        change, error = speed_trend(trial["time"].values[:n], trial["u"].values[:n], scale.nominal_time)
+        numbers += [("change of speed in L/U", change, "")] if np.isfinite(change) else []
+        faults += (
+            [f"the speed changes by {change:+.1%} in L/U"] if abs(change) > max(STEADY, SIGNIFICANT * error) else []
+        )
     if faults:
         text = f"On the approach {', '.join(faults)}; indices count from a straight course, a fit may start there."
         return Check("approach", "doubtful", text, tuple(numbers))
     return Check("approach", "good", f"Straight and steady for {(n - 1) * interval:.3g} s.", tuple(numbers))
-
-
-def _speed_trend(trial: xr.Dataset, n: int, scale: ShipScale) -> tuple[list[tuple[str, float, str]], list[str]]:
-    """Numbers and faults of the change of speed over the first ``n`` samples, where they last half of L/U."""
-    u, time = trial["u"].values[:n], trial["time"].values[:n]
-    if time[-1] - time[0] <= 0.5 * scale.time:
-        return [], []
-    (trend, _), (error, _), _ = least_squares([time - time.mean(), np.ones(n)], u)
-    change = float(trend * scale.time / scale.U)
-    changes = abs(change) > STEADY and abs(trend) > SIGNIFICANT * error
-    faults = [f"the speed changes by {change:+.1%} in L/U"] if changes else []
-    return [("change of speed in L/U", change, "")], faults
 
 
 def range_check(trial: xr.Dataset, scale: ShipScale) -> Check:

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.forces.prime_system import GRAVITY
+from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.mistakes import BETTER, EXPLAINED, UNEXPLAINED, explanations
 from pymc_ship.records.checks.track import track_misfit
@@ -25,6 +26,7 @@ from pymc_ship.records.checks.verdicts import (
     pieces,
 )
 from pymc_ship.records.files.ship_scale import ShipScale, least_squares, ship_blocks
+from pymc_ship.records.steering.approach import TOO_EARLY, WHOLE_APPROACH, approach_fault
 from pymc_ship.trial.record import sampling_interval
 
 DRIFT = 0.6  # largest v/U of a ship that makes way ahead: a drift angle of 37 deg, beyond that of the tightest turns
@@ -241,10 +243,10 @@ def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False)
     ahead, size = _blocks_ahead(trial, scale)
     time = trial["time"].values
     if ahead.all():
-        return Check(name, "good", "The ship makes way ahead all the time.", _piece(time[0], time[-1]))
+        return Check(name, "good", "The ship makes way ahead all the time.", _piece(time[0], time[-1], scale))
     longest = longest_piece(ahead)
     samples = _samples(longest, ahead.size, size, time.size)
-    numbers = _piece(time[samples.start], time[max(samples.stop - 1, samples.start)])
+    numbers = _piece(time[samples.start], time[max(samples.stop - 1, samples.start)], scale)
     if any_speed:
         text = f"The ship makes way ahead, above {SLOW:.0%} of its speed, for {ahead.mean():.0%} of the time"
         return Check(name, "good", f"{text}; force models for any speed cover the rest.", numbers)
@@ -295,10 +297,15 @@ def _samples(piece: slice, blocks: int, size: int, samples: int) -> slice:
     return slice(piece.start * size, samples if piece.stop == blocks else piece.stop * size)
 
 
-def _piece(begin: float, end: float) -> tuple[tuple[str, float, str], ...]:
-    return ("from", float(begin), "s"), ("until", float(end), "s")
+def _piece(begin: float, end: float, scale: ShipScale) -> tuple[tuple[str, float, str], ...]:
+    return ("from", float(begin), "s"), ("until", float(end), "s"), ("L/U", scale.nominal_time, "s")
 
 
 def cut_to_piece(trial: xr.Dataset, check: Check) -> xr.Dataset:
-    """Trial cut to the piece of :func:`piece_check`."""
-    return trial.sel(time=slice(check.value("from"), check.value("until")))
+    """Trial cut to the piece of :func:`piece_check`; what its whole approach shows goes along."""
+    piece = trial.sel(time=slice(check.value("from"), check.value("until")))
+    if "delta" not in trial:
+        return piece
+    fault = approach_fault(trial, check.value("L/U"))
+    late = first_execute(trial) < piece["time"].values[0]
+    return piece.assign_attrs({WHOLE_APPROACH: fault or (TOO_EARLY if late else "")})

@@ -23,6 +23,7 @@ DISTINCT_DOUBTFUL, DISTINCT_BAD = 50, 10  # distinct values of a channel; 50 are
 SPIKE = 6.0  # robust standard deviations of a spike from the local median
 LEAST_SPIKE = 0.02  # fraction of a channel's range below which a spike does no harm
 FROZEN = 0.25  # fraction of L/U from which equal values are a frozen sensor
+ALONG = 0.02  # sine of the heading below which a ship moves along an axis, and the other coordinate may stand still
 ROUNDED = 0.8  # fraction of distinct neighbours below which a channel is rounded, with runs of equal values
 STAND_INS = {
     "rad": (360.0, 511.0),
@@ -284,8 +285,17 @@ def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: f
         # means of five parts, so that noise is not taken for motion
         parts = ([part.mean() for part in np.array_split(values[start:stop], 5)] for values in others)
         moving = any(np.ptp(means) > 0.05 * np.ptp(values) for means, values in zip(parts, others, strict=True))
+        moving &= not _along_the_other_axis(trial.isel(time=slice(start, stop)), name)
         longest = max(longest, int(stop - start)) if moving else longest
     return longest
+
+
+def _along_the_other_axis(trial: xr.Dataset, name: str) -> bool:
+    """Whether a coordinate stays as it is because the ship heads along the other one."""
+    if name not in ("x", "y") or "psi" not in trial:
+        return False
+    part = np.cos(trial["psi"].values) if name == "x" else np.sin(trial["psi"].values)
+    return float(np.abs(part).max()) < ALONG
 
 
 def gap_check(trial: xr.Dataset) -> Check:

@@ -16,11 +16,15 @@ _IDLE = 1e-100
 
 @dataclass(frozen=True)
 class ShipScale:
-    """Length [m] and speed [m/s] of the ship; ``known`` where the length is that of a vessel file."""
+    """Length [m] and speed [m/s] of the ship; ``known`` where the length is that of a vessel file.
+
+    ``nominal_time`` is L/U [s] at the nominal speed where that is known.
+    """
 
     L: float
     U: float
     known: bool
+    nominal_time: float
 
     @property
     def time(self) -> float:
@@ -39,10 +43,11 @@ def ship_scale(trial: xr.Dataset, vessel: Vessel | None) -> ShipScale:
     elif {"x", "y"} <= set(trial.data_vars):
         U = float(np.hypot(np.diff(trial["x"].values), np.diff(trial["y"].values)).sum() / duration) or U
     if vessel:
-        return ShipScale(vessel.particulars.L, U, known=True)
+        return ShipScale(vessel.particulars.L, U, known=True, nominal_time=vessel.particulars.ship_time)
     turning = _turning_rate(trial)
     ship_time = TIGHTEST_TURN / turning if turning > 0.0 else duration
-    return ShipScale(U * float(np.clip(ship_time, duration / 500.0, duration / 5.0)), U, known=False)
+    ship_time = float(np.clip(ship_time, duration / 500.0, duration / 5.0))
+    return ShipScale(U * ship_time, U, known=False, nominal_time=ship_time)
 
 
 def _turning_rate(trial: xr.Dataset) -> float:

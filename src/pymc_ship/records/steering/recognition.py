@@ -24,6 +24,7 @@ from pymc_ship.physics.manoeuvre.steering_record import (
 )
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.approach import approach_fault
 from pymc_ship.trial.record import check_trial, facility_of, trial_list
 
 STEERED = ("u", "r", "psi", "delta")  # channels that recognition needs
@@ -60,7 +61,7 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     -------
     manoeuvres : list of Manoeuvre or None
         Of the first registered kind that recognises the record, such as a zigzag or a turning circle; None for any
-        other.
+        other, and for one that begins while the speed changes by more than 5 % in L/U.
     steering : Steering
         Medians over all reversals, and over all approaches.
 
@@ -90,16 +91,11 @@ def _recognised(trials: Sequence[xr.Dataset], unit: float) -> tuple[list[Manoeuv
         check_trial(trial, STEERED, uniform=False)
     by_trial = [rudder_reversals(trial) for trial in trials]
     every = [reversal for reversals in by_trial for reversal in reversals]
-<<<<<<< HEAD
-    unit = vessel.particulars.ship_time
     zigzags = [run for run in zip(trials, by_trial, strict=True) if run[1]]
-=======
-    zigzags = [swings(trial, reversals) for trial, reversals in zip(trials, by_trial, strict=True) if reversals]
->>>>>>> cb30dfb4 (cli: check shows columns, manoeuvre, indices and a page; --force)
     delay = _common_delay(zigzags, _LONGEST_DELAY * unit) if every else np.nan
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
     records = [SteeringRecord(trial, reversals, delay) for trial, reversals in zip(trials, by_trial, strict=True)]
-    manoeuvres = [_manoeuvre(record) for record in records]
+    manoeuvres = [_manoeuvre(record, unit) for record in records]
     speeds = [one.approach_speed for one in manoeuvres if one is not None and one.approach_speed is not None]
     is_common = bool(speeds) and max(speeds) <= _ONE_SPEED * min(speeds)
     return manoeuvres, Steering(rate, delay, len(every), float(np.median(speeds)) if is_common else np.nan)
@@ -120,8 +116,11 @@ def recognise_by_facility(
     return manoeuvres, facilities
 
 
-def unrecognised_text(trial: xr.Dataset) -> str:
-    """Sentence with the reason for which a record is not recognised as a standard manoeuvre."""
+def unrecognised_text(trial: xr.Dataset, unit: float) -> str:
+    """Sentence with the reason for which a record of a ship with L/U ``unit`` [s] is no standard manoeuvre."""
+    fault = approach_fault(trial, unit)
+    if fault and _kind_of(SteeringRecord(trial, rudder_reversals(trial), 0.0)):
+        return f"It is no standard manoeuvre: {fault}."
     known = [kind.words for kind in KINDS.values() if kind.recognise]
     return f"It is not recognised as {either(known)}: {steering_text(trial)}."
 
@@ -151,10 +150,18 @@ def _common_delay(runs: Sequence[tuple[xr.Dataset, list[Reversal]]], longest: fl
     return float(delays[np.argmin(cost)])
 
 
-def _manoeuvre(record: SteeringRecord) -> Manoeuvre | None:
+def _kind_of(record: SteeringRecord) -> tuple[str, tuple[float, ...], str] | None:
+    """Name, angles and side of the first kind that recognises a record."""
     for kind in KINDS.values():
-        angles_and_side = kind.recognise(record) if kind.recognise else None
-        if angles_and_side is not None:
-            angles, side = angles_and_side
-            return standard_manoeuvre(kind.name, *angles, side=side, approach_speed=approach_speed(record.trial))
+        if kind.recognise and (angles_and_side := kind.recognise(record)) is not None:
+            return kind.name, *angles_and_side
     return None
+
+
+def _manoeuvre(record: SteeringRecord, unit: float) -> Manoeuvre | None:
+    """Standard manoeuvre of a record; ``unit`` is L/U [s]."""
+    recognised = _kind_of(record)
+    if recognised is None or approach_fault(record.trial, unit):
+        return None
+    name, angles, side = recognised
+    return standard_manoeuvre(name, *angles, side=side, approach_speed=approach_speed(record.trial))

@@ -172,7 +172,7 @@ def unscored_run_remarks(
 ) -> list[str]:
     """Remarks on runs without a recognised manoeuvre, and on roll that is not modelled."""
     remarks = [
-        f"Run {name}: {unrecognised_text(trial)} The fit uses it, but no index is compared."
+        f"Run {name}: {unrecognised_text(trial, vessel)} The fit uses it, but no index is compared."
         for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True)
         if manoeuvre is None
     ]
