@@ -110,6 +110,9 @@ def sampling_interval(trial: xr.Dataset) -> float:
     return float((time[-1] - time[0]) / (time.size - 1))
 
 
+AXES, ASSUMED = "axes", "axes assumed"  # attribute of a trial whose file does not show its axes, and its value
+
+
 def rudder_line(side: str) -> str:
     """Comment line of a file on the side that a positive rudder turns to."""
     return f'# rudder_positive = "{side}"'
@@ -144,7 +147,8 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     names = [name for name in CHANNELS if name in trial]
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
     with staged_path(path) as partial, partial.open("w", encoding="utf-8") as file:
-        file.write(f"{rudder_line('port')}\n" if "delta" in names else "")
+        assumed = f", {ASSUMED}" if trial.attrs.get(AXES) else ""
+        file.write(f"{rudder_line('port')}{assumed}\n" if "delta" in names else "")
         file.write(",".join(["time", *names]) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
     return path

@@ -25,9 +25,10 @@ from pymc_ship.records.checks.verdicts import (
     not_checked,
     pieces,
 )
+from pymc_ship.records.files.axes import MIRROR_IMAGE
 from pymc_ship.records.files.ship_scale import ShipScale, least_squares, ship_blocks
 from pymc_ship.records.steering.approach import TOO_EARLY, WHOLE_APPROACH, approach_fault
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import AXES, sampling_interval
 
 DRIFT = 0.6  # largest v/U of a ship that makes way ahead: a drift angle of 37 deg, beyond that of the tightest turns
 TURNING = 2.0  # largest rL/U of a ship that makes way ahead: a circle of one ship length in diameter
@@ -223,13 +224,11 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
         text = _words(("rL/U", "pivot point", "speed"), quantities)
         return Check(name, "good", f"The motion is plausible for a ship{f': {text}' if text else ''}.", numbers)
     verdict = "bad" if "bad" in faults.values() else "doubtful"
-    remarks = _words(faults, quantities, "; ")
-    return Check(
-        name,
-        verdict,
-        f"The motion is unusual for a ship: {remarks}. {_explanation(trial, scale, vessel, motion)}",
-        numbers,
-    )
+    text = f"The motion is unusual for a ship: {_words(faults, quantities, '; ')}. "
+    text += _explanation(trial, scale, vessel, motion)
+    if faults.keys() == {"heel"} and trial.attrs.get(AXES):
+        text += f" Or the record is {MIRROR_IMAGE}."
+    return Check(name, verdict, text, numbers)
 
 
 def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False) -> Check:

@@ -14,9 +14,10 @@ from pymc_ship.records.checks.verdicts import (
     not_checked,
     straight_approach,
 )
+from pymc_ship.records.files.axes import MIRROR_IMAGE
 from pymc_ship.records.files.rudder_side import rudder_effect
 from pymc_ship.records.files.ship_scale import ShipScale
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import AXES, sampling_interval
 
 LARGEST_RUDDER = 1.3  # rudder angle [rad] that no rudder reaches: a record beyond 75 deg is one in degrees
 ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg
@@ -58,9 +59,11 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return not_checked("rudder sign", "the rudder moves too little for a check", numbers)
     if effect.side == "starboard":
         text = "A positive delta turns the ship to starboard, it should turn the ship to port; flip the sign of delta. "
-        text += 'Or the record is a mirror image (ROS: x east, y north, psi counterclockwise): state axes = "enu-flu".'
-        return Check("rudder sign", "bad", text, numbers)
-    return Check("rudder sign", "good", "A positive delta turns the ship to port, as it should.", numbers)
+        return Check("rudder sign", "bad", f"{text}Or the record is {MIRROR_IMAGE}.", numbers)
+    text = "A positive delta turns the ship to port, as it should"
+    if trial.attrs.get(AXES):
+        text += f". The file does not show its axes: so it is, or the record is {MIRROR_IMAGE}"
+    return Check("rudder sign", "good", f"{text}.", numbers)
 
 
 def rudder_zero_check(trial: xr.Dataset) -> Check:

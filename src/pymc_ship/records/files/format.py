@@ -22,6 +22,8 @@ _FARTHEST = 1e5  # m, where the plane is off by 4 m
 
 DELIMITERS = (",", ";", "\t", " ")  # the space stands for any white space
 
+_OWN_AXES = ("", "ned-frd")  # of the package
+
 _FRAME = {
     "axes": ("ned-frd", "enu-flu", "nwu-flu"),
     "velocities": ("body", "earth"),
@@ -38,13 +40,13 @@ class TrialFormat:
     """Format of a trial file; the default has the units and signs of the package.
 
     The fields are the keys of docs/reference/format_toml.md: ``columns`` by channel; ``axes``, north-east-down and
-    forward-right-down or those of ROS; ``reference``, the point of u and
+    forward-right-down or those of ROS, empty where not stated; ``reference``, the point of u and
     v forward of the origin [m]; ``forces``, the area L^2 or L d of prime captive forces; ``froude``, the length of the
     ship over that of the model; ``delimiter``, by default that of the header; ``facility``, empty for a single one.
     """
 
     columns: dict[str, dict[str, Any]] = field(default_factory=dict)
-    axes: str = "ned-frd"
+    axes: str = ""
     velocities: str = "body"
     reference: float = 0.0
     heading: str = "clockwise"
@@ -79,8 +81,8 @@ def _format(file: Entry) -> TrialFormat:
     froude, reference = scale.at("froude", 1.0), frame.at("reference", 0.0)
     if froude.number() <= 0.0:
         froude.fail(f"must be positive, found {froude.value:g}; correct it.")
-    axes = frame.at("axes", "ned-frd").value
-    if axes != "ned-frd" and frame.at("heading", "clockwise").value != "clockwise":
+    axes = frame.at("axes", "").value
+    if axes not in _OWN_AXES and frame.at("heading", "clockwise").value != "clockwise":
         frame.at("heading").fail(f"must not be given beside axes = {axes!r}, which has its own; leave one of them out.")
     return TrialFormat(
         columns={channel: _column(columns.at(channel), channel) for channel in columns},
@@ -147,7 +149,7 @@ def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[di
 def _north_east_down(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:
     """Channels in axes with z down, from those with z up, x east or north and v to port; a sentence."""
     turned = dict(channels)
-    if layout.axes == "ned-frd":
+    if layout.axes in _OWN_AXES:
         return turned, []
     for name in ("y", "psi", "v", "r"):
         if name in turned:

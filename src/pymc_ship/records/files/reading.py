@@ -15,6 +15,7 @@ import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import TextError, file_text
+from pymc_ship.records.files.axes import shows_axes
 from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
 from pymc_ship.records.files.columns import Column, is_unit, matched_columns
 from pymc_ship.records.files.format import (
@@ -30,7 +31,7 @@ from pymc_ship.records.files.rudder_side import FOUND, with_rudder_side
 from pymc_ship.records.files.tables import binary_columns, cell_texts, nmea_columns
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import OVER_GROUND, rudder_line
+from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, rudder_line
 
 _COMMENTS = ("#", "%")
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
@@ -97,8 +98,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
     cells, cell_notes = table_cells(table, numeric, path)
     channels = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
-    channels, layout, ground_notes = with_ground(channels, layout, str(path))
     channels, sign_notes = with_signs(channels, layout)
+    channels, layout, ground_notes = with_ground(channels, layout, str(path))
     if stamps:
         time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, str(path))
     else:
@@ -110,8 +111,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
         *clock_notes,
         *cell_notes,
         *_implausible(columns, cells),
-        *ground_notes,
         *sign_notes,
+        *ground_notes,
         *time_notes,
     ]
     for to_ship in (at_origin, with_true_wind):
@@ -120,6 +121,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     time, channels, scale_notes = full_scale(time, channels, layout.froude)
     variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in channels.items()}
     attrs: dict[str, Any] = {"reading": "\n".join([*notes, *scale_notes])}
+    if not (table.shows_axes or shows_axes(columns, layout)):
+        attrs[AXES] = ASSUMED
     if lost:
         attrs["rows_lost"] = lost
     if layout.speeds == OVER_GROUND:
@@ -138,7 +141,10 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Headings, units, rows of cells, line number of each row, notes, and the side of the rudder if the file has it."""
+    """Headings, units, rows of cells, line number of each row, notes, and the side of the rudder if the file has it.
+
+    ``shows_axes``: whether a file of its kind has axes of its own, that of a logger or of this package.
+    """
 
     headings: list[str]
     units: list[str]
@@ -146,6 +152,7 @@ class TextTable:
     lines: list[int]
     notes: list[str]
     rudder_positive: str = ""
+    shows_axes: bool = False
 
 
 def _text(path: Path) -> str:
@@ -184,7 +191,9 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
         units += [""] * (len(headings) - len(units))
     whole, notes = _whole_rows(rows, len(headings), path)
     stated = next((side for _, line in comments for side in _SIDES if line.startswith(rudder_line(side))), "")
-    return TextTable(headings, units, [cells for _, cells in whole], [number for number, _ in whole], notes, stated)
+    own = bool(stated) and not any(ASSUMED in line for _, line in comments)
+    cells, at = [row for _, row in whole], [number for number, _ in whole]
+    return TextTable(headings, units, cells, at, notes, stated, own)
 
 
 def _table_of_columns(
@@ -193,7 +202,8 @@ def _table_of_columns(
     """Table of cells by heading."""
     rows = [list(row) for row in zip(*columns.values(), strict=True)]
     stated = [units.get(name, "") for name in columns]
-    return TextTable([*columns], stated, rows, list(range(1, len(rows) + 1)), notes, rudder_positive)
+    at = list(range(1, len(rows) + 1))
+    return TextTable([*columns], stated, rows, at, notes, rudder_positive, bool(rudder_positive))
 
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:

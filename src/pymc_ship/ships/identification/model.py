@@ -26,6 +26,7 @@ from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
 from pymc_ship.records.checks.run_set import contradicting_runs, repeated_runs
+from pymc_ship.records.files.axes import mirror_remarks
 from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
@@ -183,6 +184,7 @@ def identify_ship(
         candidates, refusals = fit_candidates(term_set_names, training, rng)
     fullest_vessel = most_dofs(candidate.vessel for candidate in candidates)
     remarks = [
+        *mirror_remarks(by_name),
         *repeated_runs(by_name),
         *contradictions,
         *vessel_remarks(fullest_vessel),

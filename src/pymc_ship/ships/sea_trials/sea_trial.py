@@ -17,6 +17,7 @@ from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.files.axes import mirror_remarks
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
 from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping
@@ -170,7 +171,7 @@ def sea_trial(
         form=form_rows(rows),
         spirals=spirals,
         turns=steady_turns(ship) if spirals and ship is not None else None,
-        remarks=(*remarks, *model_remarks, *current_remarks),
+        remarks=(*mirror_remarks(records), *remarks, *model_remarks, *current_remarks),
     )
 
 
