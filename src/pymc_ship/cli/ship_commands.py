@@ -319,7 +319,7 @@ def _measured(args: argparse.Namespace, ship: Ship, progress: Progress) -> dict[
         if manoeuvre is None:
             raise SimulationError(
                 f"--measured needs a recognised manoeuvre, found none in {name}. "
-                f"{unrecognised_text(trial, ship.vessel)} Leave it out."
+                f"{unrecognised_text(trial, ship.vessel.particulars.ship_time)} Leave it out."
             )
         label = manoeuvre.label if manoeuvre.label not in recognised else f"{manoeuvre.label} {name}"
         recognised[label] = manoeuvre, trial

@@ -41,7 +41,7 @@ def test_a_manoeuvre_at_a_changing_speed_is_no_standard_one(vessel, manoeuvre, f
     (recognised,), steering = recognise([run], vessel)
     assert (recognised is not None) == steady
     if not steady:
-        sentence = unrecognised_text(run, vessel)
+        sentence = unrecognised_text(run, vessel.particulars.ship_time)
         assert sentence.startswith("It is no standard manoeuvre: it begins while the speed changes by ")
         assert ("+" in sentence) == (fraction < 1.0)
     assert (steering.n_reversals > 0) == (manoeuvre.kind == "zigzag")
@@ -62,7 +62,9 @@ def test_the_piece_with_the_ship_ahead_has_the_approach_of_the_record(vessel):
     assert check.mendable
     assert piece.attrs[WHOLE_APPROACH] == approach_fault(run, vessel.particulars.ship_time)
     assert recognise([piece], vessel)[0] == recognise([run], vessel)[0] == [None]
-    assert unrecognised_text(piece, vessel) == unrecognised_text(run, vessel)
+    assert unrecognised_text(piece, vessel.particulars.ship_time) == unrecognised_text(
+        run, vessel.particulars.ship_time
+    )
 
 
 def test_a_piece_that_begins_after_the_first_execute_is_no_standard_manoeuvre(vessel):
@@ -72,7 +74,7 @@ def test_a_piece_that_begins_after_the_first_execute_is_no_standard_manoeuvre(ve
     piece = ps.corrected_trial(slow, [check for check in ps.trial_checks(slow, vessel) if check.name == "motion ahead"])
     assert piece.sizes["time"] < run.sizes["time"]
     assert recognise([piece], vessel)[0] == [None]
-    assert "before the ship makes way ahead" in unrecognised_text(piece, vessel)
+    assert "before the ship makes way ahead" in unrecognised_text(piece, vessel.particulars.ship_time)
 
 
 def test_a_trend_needs_half_of_L_over_U_and_is_of_the_last_two():

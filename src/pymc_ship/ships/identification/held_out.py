@@ -171,8 +171,9 @@ def unscored_run_remarks(
     trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | None], vessel: Vessel
 ) -> list[str]:
     """Remarks on runs without a recognised manoeuvre, and on roll that is not modelled."""
+    unit = vessel.particulars.ship_time
     remarks = [
-        f"Run {name}: {unrecognised_text(trial, vessel)} The fit uses it, but no index is compared."
+        f"Run {name}: {unrecognised_text(trial, unit)} The fit uses it, but no index is compared."
         for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True)
         if manoeuvre is None
     ]

@@ -134,10 +134,10 @@ def sea_trial(
     spirals = {name: turns for name in others if (turns := measured_spiral(records[name], ship_time)) is not None}
     if not manoeuvres and not stops and not spirals:
         raise TrialError(
-            f"No run is of a standard manoeuvre. {unrecognised_text(next(iter(records.values())), vessel)}"
+            f"No run is of a standard manoeuvre. {unrecognised_text(next(iter(records.values())), ship_time)}"
         )
     unrecognised = [name for name in others if name not in spirals]
-    remarks = [f"{name} is left out. {unrecognised_text(records[name], vessel)}" for name in unrecognised]
+    remarks = [f"{name} is left out. {unrecognised_text(records[name], ship_time)}" for name in unrecognised]
     winds = {name: wind for name in records if (wind := mean_wind(records[name], trial_conditions)) is not None}
     model, model_remarks = _model(ship, vessel, loaded, blowing=bool(winds))
     corrected_winds = winds if model.models and model.wind else {}
