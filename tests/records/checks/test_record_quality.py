@@ -193,21 +193,3 @@ def test_a_coordinate_stands_still_only_while_the_ship_heads_along_the_other(con
     psi = np.where(before, course + 1e-4 * np.sin(run["time"].values), run["psi"].values)
     run = changed(run, y=np.where(before, 0.0, run["y"].values), psi=psi)
     assert checks_by_name(run, container)["frozen channels"].verdict == verdict
-
-
-@pytest.mark.parametrize("name", ["u", "v", "x"])
-@pytest.mark.parametrize(("step", "finding"), [(0.0, "noise"), (0.1, "resolution")])
-def test_a_dead_sensor_that_still_flickers_is_one_finding(zigzag, container, name, step, finding):
-    """Noise about one value, also as three values by rounding: no swapped columns, no lever arm, no offset of psi."""
-    flicker = 0.03 * np.random.default_rng(3).standard_normal(zigzag.sizes["time"])
-    values = step * np.round(flicker / step) if step else flicker
-    checks = checks_by_name(changed(zigzag, **{name: values}), container)
-    assert {key for key in alarms(checks) if checks[key].verdict == "bad"} - {"frozen channels"} == {finding}
-    assert alarms(checks) <= {"noise", "resolution", "frozen channels"}
-    assert f"{name} {'is noise' if finding == 'noise' else 'has few values'}" in checks["speed"].sentence
-
-
-def test_a_channel_of_few_values_may_have_a_spike(zigzag):
-    steps = np.rint(2.0 * np.sin(zigzag["time"].values / 30.0))
-    steps[700] = 9.0
-    assert spikes(steps).tolist() == [700]

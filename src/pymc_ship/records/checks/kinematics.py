@@ -250,35 +250,21 @@ def heading_offset_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     return Check(name, verdict, f"{text}; for that, state psi = {{ ..., offset = {off:.3g} }}.", numbers)
 
 
-def _failing_part(travel: np.ndarray, travel_by_speed: np.ndarray) -> slice | None:
-    """Blocks in which a speed that is right elsewhere does not lead to the track; None for another fault."""
-    off = np.abs(travel_by_speed - travel) > SPEED_BAD * np.maximum(travel, travel_by_speed)
-    part = longest_piece(off)
-    right = np.mean(~off)
-    return part if right >= SPOILT and (part.stop - part.start) >= 0.9 * np.count_nonzero(off) else None
-
-
 def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Speed over ground of the track over that of u and v: units, calibration, current."""
     if reason := missing_channels_text(trial, ("x", "y", "u", "v")):
         return not_checked("speed", reason)
     blocks, interval = ship_blocks(trial, scale, YAW_BLOCK), sampling_interval(trial)
-    travel = np.hypot(*(blocks.increments(trial[name].values) for name in ("x", "y")))
-    travel_by_speed = blocks.increments(integral(np.hypot(trial["u"].values, trial["v"].values), interval))
-    if not (travel_by_speed.sum() > 0.0 and travel.sum() > 0.0):
+    distance = np.hypot(*(blocks.increments(trial[name].values) for name in ("x", "y"))).sum()
+    distance_from_speed = blocks.increments(integral(np.hypot(trial["u"].values, trial["v"].values), interval)).sum()
+    if not (distance_from_speed > 0.0 and distance > 0.0):
         return Check("speed", "bad", "The ship does not move; check u, v, x and y.")
-    ratio = float(travel.sum() / travel_by_speed.sum())
+    ratio = float(distance / distance_from_speed)
     numbers = (("track over velocity", ratio, ""),)
     for factor, (mistake, key) in SPEED_UNITS.items():
         if abs(np.log(ratio / factor)) < _LOG_WIDTH:
             text = f"The track is {ratio:.4g} times the distance from u and v, as of {mistake}; state {key}."
             return Check("speed", "bad", text, numbers)
-    if abs(ratio - 1.0) > SPEED_BAD and (part := _failing_part(travel, travel_by_speed)):
-        begin, end = trial["time"].values[[part.start * blocks.size, (part.stop + 1) * blocks.size - 1]]
-        text = (
-            f"u and v lead to the track but between {begin:.4g} and {end:.4g} s: a log that fails; cut that part out."
-        )
-        return Check("speed", "bad", text, numbers)
     if abs(ratio - 1.0) > SPEED_BAD:
         text = f"The track is {ratio:.4g} times the distance from u and v; check the units of u, v, x, y and time."
         return Check("speed", "bad", text, numbers)

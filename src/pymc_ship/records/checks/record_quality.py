@@ -21,7 +21,6 @@ FASTEST_GEAR = 300.0  # rudder angle [deg] in L/U beyond any steering gear; quic
 NOISE_DOUBTFUL, NOISE_BAD = 1.0 / 3.0, 1.0  # noise of a sample over the spread of the signal
 DISTINCT_DOUBTFUL, DISTINCT_BAD = 50, 10  # distinct values of a channel; 50 are steps of 2 % of its range
 SPIKE = 6.0  # robust standard deviations of a spike from the local median
-MOST_SPIKES = 0.02  # fraction of the samples from which spikes are a fault of the sensor
 LEAST_SPIKE = 0.02  # fraction of a channel's range below which a spike does no harm
 FROZEN = 0.25  # fraction of L/U from which equal values are a frozen sensor
 ALONG = 0.02  # sine of the heading below which a ship moves along an axis, and the other coordinate may stand still
@@ -95,16 +94,15 @@ def noise_check(trial: xr.Dataset) -> Check:
         return not_checked("noise", "no channel that changes, or fewer than 10 samples")
     sd = second_difference_sd(np.array([trial[name].values for name in names], dtype=float))
     spread = np.sqrt(np.maximum([np.var(trial[name].values) for name in names] - sd**2, 1e-6 * sd**2))
-    ratios = dict(zip(names, (sd / np.maximum(spread, np.finfo(float).tiny)).tolist(), strict=True))
+    ratios = (sd / np.maximum(spread, np.finfo(float).tiny)).tolist()
     units = [trial[name].attrs.get("units", "") for name in names]
     numbers = tuple((f"sd {name}", s, unit) for name, s, unit in zip(names, sd.tolist(), units, strict=True))
-    worst = max(ratios, key=ratios.__getitem__)
-    largest, loud = ratios[worst], [name for name, ratio in ratios.items() if ratio > NOISE_BAD]
-    numbers += tuple((f"noise over signal, {name}", ratios[name], "") for name in loud or [worst])
+    largest = max(ratios)
+    worst = names[ratios.index(largest)]
+    numbers += ((f"noise over signal, {worst}", largest, ""),)
     text = f"The noise is at most {largest:.2g} of the signal ({worst})."
-    if loud:
-        which = f"{', '.join(loud)} {'is' if len(loud) == 1 else 'are'}"
-        return Check("noise", "bad", f"{text} {which} noise alone; mend the sensor, or leave the channel out.", numbers)
+    if largest > NOISE_BAD:
+        return Check("noise", "bad", f"{text} That channel is noise; leave it out or mend the sensor.", numbers)
     if largest > NOISE_DOUBTFUL:
         return Check("noise", "doubtful", f"{text} Denoise it, and steer harder.", numbers)
     return Check("noise", "good", text, numbers)
@@ -123,8 +121,6 @@ def resolution_check(trial: xr.Dataset) -> Check:
         return Check("resolution", "good", text, numbers)
     step = np.ptp(trial[worst].values) / (counts[worst] - 1)
     verdict = "bad" if counts[worst] < DISTINCT_BAD else "doubtful"
-    coarse = [name for name, count in counts.items() if count < DISTINCT_BAD and name != worst]
-    numbers += tuple((f"distinct values, {name}", float(counts[name]), "") for name in coarse)
     unit = trial[worst].attrs.get("units", "")
     text = f"{worst} has {counts[worst]} distinct values, steps of about {step:.2g} {unit}; export more digits."
     return Check("resolution", verdict, text, numbers)
@@ -184,10 +180,7 @@ def _interpolated(trial: xr.Dataset, cells: dict[str, np.ndarray]) -> xr.Dataset
 
 
 def spikes(values: np.ndarray) -> np.ndarray:
-    """Indices of isolated samples (one or two in a row) beyond their surroundings, see :data:`SPIKE`.
-
-    A channel of few values has none, but steps.
-    """
+    """Indices of isolated samples (one or two in a row) beyond their surroundings, see :data:`SPIKE`."""
     from scipy.ndimage import median_filter
 
     if values.size < 4 * _HALF_WINDOW:
@@ -205,8 +198,6 @@ def spikes(values: np.ndarray) -> np.ndarray:
             least = limit[group][:, None]
             if (steps > least).all() or (steps < -least).all():
                 spikes.extend(group)
-    if len(spikes) > MOST_SPIKES * values.size and np.unique(values).size < DISTINCT_BAD:
-        return np.empty(0, dtype=int)
     return np.array(spikes, dtype=int)
 
 
@@ -217,7 +208,7 @@ def spike_check(trial: xr.Dataset) -> Check:
     if not any(counts.values()):
         return Check("spikes", "good", "No channel has spikes.", numbers)
     notes = ", ".join(f"{count} on {name}" for name, count in counts.items() if count)
-    if max(counts.values()) > MOST_SPIKES * trial.sizes["time"]:
+    if max(counts.values()) > 0.02 * trial.sizes["time"]:
         text = f"Spikes: {notes}, more than 2 % of the samples; mend the sensor or leave the channel out."
         return Check("spikes", "bad", text, numbers)
     text = f"Spikes: {notes}; replace them by interpolation (the other checks are made without them)."
@@ -274,24 +265,12 @@ def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     return Check("frozen channels", verdict, text, numbers)
 
 
-def without_dead_channels(trial: xr.Dataset, *checks: Check) -> xr.Dataset:
-    """Trial for later checks, without the channels that are a finding of their own.
-
-    They stand still for half of the record, are noise alone or have fewer than ten values.
-    """
+def without_still_channels(trial: xr.Dataset, check: Check) -> xr.Dataset:
+    """Trial for later checks: without channels that stand still for half of it, which are a finding of their own."""
     half = 0.5 * float(np.ptp(trial["time"].values))
-    numbers = {label: value for check in checks for label, value, _ in check.numbers}
-    dead = {
-        name: words
-        for name in ("u", "v", "r", "psi", "x", "y")
-        for words, is_dead in (
-            ("has few values", numbers.get(f"distinct values, {name}", np.inf) < DISTINCT_BAD),
-            ("is noise", numbers.get(f"noise over signal, {name}", 0.0) > NOISE_BAD),
-            ("stands still", numbers.get(f"frozen, {name}", 0.0) > half),
-        )
-        if is_dead
-    }
-    return trial.drop_vars([*dead]).assign_attrs(dead_channels=[f"{name} {words}" for name, words in dead.items()])
+    numbers = {name: value for name, value, _ in check.numbers}
+    still = [name for name in ("u", "v", "r", "psi", "x", "y") if numbers.get(f"frozen, {name}", 0.0) > half]
+    return trial.drop_vars(still).assign_attrs(still_channels=still)
 
 
 def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: float) -> int:

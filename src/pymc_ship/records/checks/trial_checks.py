@@ -82,8 +82,9 @@ def trial_checks(
     unused = channel_names(lambda channel: vessel is not None and "roll" not in vessel.dofs and channel.rolling)
     used = trial.drop_vars(unused, errors="ignore")
     checks += [record_quality.noise_check(used), record_quality.resolution_check(used)]
-    checks.append(record_quality.frozen_check(trial, scale))
-    trial = record_quality.without_dead_channels(trial, *checks[-3:])
+    frozen = record_quality.frozen_check(trial, scale)
+    checks.append(frozen)
+    trial = record_quality.without_still_channels(trial, frozen)
     scale = ship_scale(trial, vessel)
     trial, closure = _closure_checks(trial, vessel, lag)
     yaw_sign = next(check for check in closure if check.name == "yaw rate")

@@ -42,8 +42,8 @@ def not_checked(name: str, reason: str, numbers: Numbers = ()) -> Check:
 def missing_channels_text(trial: xr.Dataset, channels: tuple[str, ...]) -> str:
     """Reason for which a check cannot be made: the channels that the trial lacks; empty if none."""
     missing = [name for name in channels if name not in trial]
-    if dead := [words for words in trial.attrs.get("dead_channels", ()) if words.split()[0] in missing]:
-        return " and ".join(dead)
+    if still := [name for name in missing if name in trial.attrs.get("still_channels", ())]:
+        return f"{', '.join(still)} stand{'s' if len(still) == 1 else ''} still"
     return f"no {', '.join(missing)} in the record" if missing else ""
 
 
