@@ -47,6 +47,7 @@ HOSTS = (
 
 
 TESTED_BY = {
+    "cli.check_page": "cli/test_check.py: the page of a check",
     "cli.commands": "journeys/test_cli.py: every command as a user calls it",
     "cli.examples": "cli/test_parser.py: every example is parsed",
     "cli.files": "journeys/test_cli_errors.py: files that a command cannot read",

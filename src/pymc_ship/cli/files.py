@@ -22,7 +22,7 @@ from pymc_ship.physics.vessel.plausibility import remarks
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.lag import common_lag
 from pymc_ship.records.checks.verdicts import Check
-from pymc_ship.records.files.rudder_side import check_one_side
+from pymc_ship.records.files.sides import check_one_side
 
 Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str] | tuple[str, Path | None, str, int]

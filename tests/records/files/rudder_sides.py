@@ -15,13 +15,13 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.records.files import rudder_side
+from pymc_ship.records.files import sides
 from tests.records.checks.false_alarms import clean_records
 
 
 def shown_side(trial: xr.Dataset) -> str:
     """Side that a record shows; empty without one."""
-    effect = rudder_side.shown_effect(trial)
+    effect = sides.shown_effect(trial)
     return effect.side if effect else ""
 
 
@@ -77,8 +77,10 @@ def main(seeds: int) -> None:
             if not trial["delta"].values.any():
                 continue
             counts.setdefault(key, Counter())[shown_side(trial)] += 1
-    for key, sides in sorted(counts.items()):
-        print(f"{', '.join(key)}: {sides.total()} records, {sides['']} without a side, {sides['starboard']} wrong")
+    for key, side_counts in sorted(counts.items()):
+        print(
+            f"{', '.join(key)}: {side_counts.total()} records, {side_counts['']} without a side, {side_counts['starboard']} wrong"
+        )
     total = sum(counts.values(), Counter())
     print(f"{total.total()} records, {total['']} without a side, {total['starboard']} wrong")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.records.files.axes import MIRROR_IMAGE, mirror_remarks
+from pymc_ship.records.files.sides import MIRROR_IMAGE, mirror_remarks
 from pymc_ship.trial.record import ASSUMED, AXES
 from tests.records.checks.cases import checks_by_name
 from tests.records.files.cases import columns, written

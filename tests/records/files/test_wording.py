@@ -11,7 +11,7 @@ import numpy as np
 import pymc_ship as ps
 from pymc_ship.records.files.columns import matched_columns
 from pymc_ship.records.files.format import load_format
-from pymc_ship.records.files.rudder_side import check_one_side
+from pymc_ship.records.files.sides import check_one_side
 from tests.records.files.cases import columns, written
 from tests.records.files.test_columns import matched
 from tests.records.files.test_instruments import ramp

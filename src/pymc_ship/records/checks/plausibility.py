@@ -25,8 +25,8 @@ from pymc_ship.records.checks.verdicts import (
     not_checked,
     pieces,
 )
-from pymc_ship.records.files.axes import MIRROR_IMAGE
 from pymc_ship.records.files.ship_scale import ShipScale, least_squares, ship_blocks
+from pymc_ship.records.files.sides import MIRROR_IMAGE
 from pymc_ship.records.steering.approach import TOO_EARLY, WHOLE_APPROACH, approach_fault
 from pymc_ship.trial.record import AXES, sampling_interval
 

@@ -14,9 +14,8 @@ from pymc_ship.records.checks.verdicts import (
     not_checked,
     straight_approach,
 )
-from pymc_ship.records.files.axes import MIRROR_IMAGE
-from pymc_ship.records.files.rudder_side import rudder_effect
 from pymc_ship.records.files.ship_scale import ShipScale
+from pymc_ship.records.files.sides import MIRROR_IMAGE, rudder_effect
 from pymc_ship.trial.record import AXES, sampling_interval
 
 LARGEST_RUDDER = 1.3  # rudder angle [rad] that no rudder reaches: a record beyond 75 deg is one in degrees

@@ -8,7 +8,7 @@
 - `time_base`: uniform time from the stamps of a logger.
 - `tables`: Parquet, xlsx, NetCDF and MAT files, logs of NMEA 0183, as tables.
 - `ship_scale`: length and speed of the ship in a record, block means, least squares.
-- `rudder_side`: the side that a positive rudder turns to, from the record.
+- `sides`: the side that a positive rudder turns to, from the record, and the axes of a file.
 - `noise`: noise of given kinds added to a clean record.
 - `instruments`: sensors with resolution, gaps and jitter.
 - `quality_flags`: verdict and remarks of the checks, in the attrs of a record.

@@ -15,7 +15,6 @@ import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import TextError, file_text
-from pymc_ship.records.files.axes import shows_axes
 from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
 from pymc_ship.records.files.columns import Column, is_unit, matched_columns
 from pymc_ship.records.files.format import (
@@ -27,7 +26,7 @@ from pymc_ship.records.files.format import (
     with_signs,
     with_true_wind,
 )
-from pymc_ship.records.files.rudder_side import FOUND, with_rudder_side
+from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
 from pymc_ship.records.files.tables import binary_columns, cell_texts, nmea_columns
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
@@ -193,7 +192,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     stated = next((side for _, line in comments for side in _SIDES if line.startswith(rudder_line(side))), "")
     own = bool(stated) and not any(ASSUMED in line for _, line in comments)
     cells, at = [row for _, row in whole], [number for number, _ in whole]
-    return TextTable(headings, units, cells, at, notes, stated, own)
+    return TextTable(headings, units, cells, lines=at, notes=notes, rudder_positive=stated, shows_axes=own)
 
 
 def _table_of_columns(
@@ -203,7 +202,8 @@ def _table_of_columns(
     rows = [list(row) for row in zip(*columns.values(), strict=True)]
     stated = [units.get(name, "") for name in columns]
     at = list(range(1, len(rows) + 1))
-    return TextTable([*columns], stated, rows, at, notes, rudder_positive, bool(rudder_positive))
+    side = rudder_positive
+    return TextTable([*columns], stated, rows, lines=at, notes=notes, rudder_positive=side, shows_axes=bool(side))
 
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:

@@ -26,8 +26,8 @@ from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
 from pymc_ship.records.checks.run_set import contradicting_runs, repeated_runs
-from pymc_ship.records.files.axes import mirror_remarks
 from pymc_ship.records.files.quality_flags import quality_flags
+from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
 from pymc_ship.ships.ensemble.index_error import extrapolation_growth, index_sd, model_error

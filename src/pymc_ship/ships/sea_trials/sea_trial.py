@@ -17,7 +17,7 @@ from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.files.axes import mirror_remarks
+from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
 from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping

@@ -5,8 +5,8 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.records.files import rudder_side
-from pymc_ship.records.files.rudder_side import check_one_side
+from pymc_ship.records.files import sides
+from pymc_ship.records.files.sides import check_one_side
 from tests.records.files.cases import columns, written
 from tests.records.files.rudder_sides import noisy_records, shown_side
 from tests.sentences import refused
@@ -80,5 +80,5 @@ def test_half_a_standard_error_would_show_wrong_sides(run, monkeypatch):
         for _ in range(20)
     ]
     assert {shown_side(trial) for trial in noise} == {""}
-    monkeypatch.setattr(rudder_side, "_CERTAIN", 0.5)
+    monkeypatch.setattr(sides, "_CERTAIN", 0.5)
     assert {"port", "starboard"} <= {shown_side(trial) for trial in noise}

@@ -1,4 +1,7 @@
-"""Side to which a positive rudder angle turns the ship, from the record itself."""
+"""Port and starboard of a file: the side of a positive rudder, from the record itself, and the axes of the motion.
+
+A motion and its mirror image, with y, psi, v, r, phi, p and delta reversed, agree with themselves equally well.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,10 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
+from pymc_ship.records.files.columns import Column, plain_name
+from pymc_ship.records.files.format import TrialFormat
 from pymc_ship.records.files.ship_scale import ShipScale, least_squares, ship_blocks, ship_scale
+from pymc_ship.trial.record import AXES
 
 FOUND = "rudder_positive"  # attribute of a trial: side of the file's positive rudder, where the record showed it
 
@@ -19,6 +25,14 @@ _TURN = 0.5  # rad that the ship turns at least where the correlation alone show
 _BLOCK = 0.25  # L/U
 _FEWEST_SAMPLES = 20
 _STILL = np.deg2rad(0.5)  # smallest movement of a rudder
+
+MIRROR_IMAGE = (
+    'a mirror image (ROS: x east, y north, psi counterclockwise, v to port): for that, state axes = "enu-flu"'
+)
+
+_OF_THE_EARTH = ("north", "northing", "east", "easting")  # headings of x and y
+_OF_THE_COMPASS = ("hdt", "ths", "hdg", "true heading", "heading true", "gyro", "gyro heading")  # of psi
+_OF_THE_BRIDGE = ("rot", "rate of turn")  # of r, positive to starboard
 
 
 @dataclass(frozen=True)
@@ -129,3 +143,24 @@ def check_one_side(trials: Mapping[str, xr.Dataset]) -> None:
             f"The files of one logger have one rudder sign, found positive angles that turn to {most}, but to "
             f"{sides[odd[0]]} in {', '.join(odd)}; check these, or state frame.rudder_positive in a format file."
         )
+
+
+def shows_axes(columns: Mapping[str, Column], layout: TrialFormat) -> bool:
+    """Whether the format or the headings show to which side heading and rate of turn are positive."""
+    if layout.axes or layout.heading != "clockwise":
+        return True
+    names = {channel: plain_name(column.heading.split("[")[0]) for channel, column in columns.items()}
+    if names.get("psi") in _OF_THE_COMPASS or names.get("r") in _OF_THE_BRIDGE:
+        return True
+    earth = {names.get("x"), names.get("y")} & {*_OF_THE_EARTH} or {"latitude", "longitude", "cog"} & {*columns}
+    return bool(earth) and "psi" in columns
+
+
+def mirror_remarks(trials: Mapping[str, xr.Dataset]) -> list[str]:
+    """Sentence on the runs, by name, whose port and starboard rest on assumed axes."""
+    runs = [name for name, trial in trials.items() if trial.attrs.get(AXES)]
+    if not runs:
+        return []
+    which = f"Run {runs[0]} does" if len(runs) == 1 else f"Runs {', '.join(runs)} do"
+    sides = 'port and starboard are those of axes = "ned-frd"'
+    return [f"{which} not show the axes of the file: {sides}, or the record is {MIRROR_IMAGE}."]
