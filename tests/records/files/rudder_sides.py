@@ -77,9 +77,9 @@ def main(seeds: int) -> None:
             if not trial["delta"].values.any():
                 continue
             counts.setdefault(key, Counter())[shown_side(trial)] += 1
-    for key, side_counts in sorted(counts.items()):
+    for key, by_side in sorted(counts.items()):
         print(
-            f"{', '.join(key)}: {side_counts.total()} records, {side_counts['']} without a side, {side_counts['starboard']} wrong"
+            f"{', '.join(key)}: {by_side.total()} records, {by_side['']} without a side, {by_side['starboard']} wrong"
         )
     total = sum(counts.values(), Counter())
     print(f"{total.total()} records, {total['']} without a side, {total['starboard']} wrong")

@@ -229,7 +229,7 @@ def _column_of_heading(
     unit_by = "the heading" if unit != unit_below or stated else "the file"
     for channel in channels:
         if factor := channel.unit.factor(unit):
-            known = {"named_by": _named_by(channel, name), "unit_by": unit_by}
+            known: dict[str, Any] = {"named_by": _named_by(channel, name), "unit_by": unit_by}
             return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor, **known)
     if is_unit(unit):
         return None
@@ -263,7 +263,7 @@ def _without_unit(
         raise _UnstatedUnitError(
             f"{where}, column {heading!r}: its unit is not stated; state it, such as {_with_unit(heading)}."
         )
-    known = {
+    known: dict[str, Any] = {
         "named_by": _named_by(channel, heading_name),
         "unit_by": "the format file" if channel.name in unstated else SI_UNIT,
     }
