@@ -147,9 +147,10 @@ def matched_columns(
 
 
 def nearest_heading(heading: str, matched: Mapping[str, Column]) -> str:
-    """Question after the usual heading nearest to another one, of channels that no column has; empty if none is."""
+    """Question after the usual heading nearest to a misspelt one, of channels that no column has; empty if none is."""
     lacking = [one for name, one in quantities().items() if name not in matched]
-    return did_you_mean(_name_and_unit(heading)[0], [word for one in lacking for word in (one.name, *one.headings)])
+    name, known = _name_and_unit(heading)[0], [word for one in lacking for word in (one.name, *one.headings)]
+    return "" if name.lower() in map(str.lower, known) else did_you_mean(name, known)
 
 
 def _candidates(

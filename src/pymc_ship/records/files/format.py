@@ -123,7 +123,7 @@ def format_text(layout: TrialFormat, remark: str) -> str:
     frame = {key: getattr(layout, key) for key in ("axes", "reference", *_FRAME) if key != "forces"}
     lines = [f"# {remark}", *(f"{key} = {_toml(value)}" for key, value in top.items() if value)]
     for name, table in (("columns", layout.columns), ("frame", frame), ("scale", {"froude": layout.froude})):
-        lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items())]
+        lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items() if value != "")]
     return "\n".join(lines) + "\n"
 
 
