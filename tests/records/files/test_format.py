@@ -136,6 +136,22 @@ def test_delimiter_and_lines_before_the_header(run, tmp_path):
         ps.read_trial(path)
 
 
+@pytest.mark.parametrize("titles", ["Basin; run 7\nwind;2 Bft", "Basin 4\n\nlogger;7;1 Hz"])
+def test_titles_before_the_header_need_no_format(run, tmp_path, titles):
+    path = tmp_path / "run.csv"
+    path.write_text(f"{titles}\n{written(columns(run), ';')}")
+    trial = ps.read_trial(path)
+    assert_close(trial, run)
+    assert trial.attrs["reading"].splitlines()[0] == "2 lines before the header left out."
+
+
+def test_a_short_header_is_no_title(run, tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(written(columns(run), header=list(NAMES[:-2])))
+    with refused(ps.TrialError, "run.csv", 8, 10):
+        ps.read_trial(path)
+
+
 def test_a_file_and_its_table_are_the_same(tmp_path):
     path = tmp_path / "format.toml"
     path.write_text(

@@ -135,15 +135,15 @@ def matched_columns(
     for channel, columns in candidates_by_channel.items():
         matched[channel] = _single_column(channel, columns, where)
         left_out += [column.heading for column in columns if column is not matched[channel]]
-    left_out = [f"{heading}{nearest_heading(heading, matched)}" for heading in left_out]
+    hints = {heading: nearest_heading(heading, matched) for heading in left_out}
     if "time" not in matched or len(matched) < 2:
         lacking = "time" if "time" not in matched else f"any of {', '.join(CHANNELS)}"
         raise TrialError(
-            f"{where}: columns are time and any of {', '.join(CHANNELS)}, found {', '.join(left_out or headings)!r} "
-            f"without {lacking}; rename one or name it in a format file."
+            f"{where}: columns are time and any of {', '.join(CHANNELS)}, found {', '.join(headings)!r} "
+            f"without {lacking}{next(filter(None, hints.values()), '')}; rename one or name it in a format file."
         )
     ordered = {name: matched[name] for name in quantities() if name in matched}
-    return ordered, _reading_notes(ordered, left_out)
+    return ordered, _reading_notes(ordered, [f"{heading}{hint}" for heading, hint in hints.items()])
 
 
 def nearest_heading(heading: str, matched: Mapping[str, Column]) -> str:

@@ -33,6 +33,7 @@ from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, rudder_line
 
 _COMMENTS = ("#", "%")
+_FEWEST_LINES, _MOST_TITLES = 4, 50  # lines of a table that have titles before the header, and the most of these
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
 _SIDES = ("port", "starboard")
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
@@ -174,6 +175,8 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     comments = [(number, line) for number, line in numbered if line.lstrip().startswith(_COMMENTS)]
     content = [(number, line) for number, line in numbered if not line.lstrip().startswith(_COMMENTS)]
     content = _with_header(content, comments)
+    titles = _titles(content, layout.delimiter)
+    content = content[titles:]
     if content and all(map(_is_number, _cells_of_line(content[0][1], _delimiter(content[0][1])))):
         raise TrialError(
             f"{path}, line {content[0][0]}: a trial has a header before its numbers, found "
@@ -189,6 +192,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
         units = [cell.strip(" []{}()-") for cell in rows.pop(0)[1]]
         units += [""] * (len(headings) - len(units))
     whole, notes = _whole_rows(rows, len(headings), path)
+    notes = [f"{titles} lines before the header left out.", *notes] if titles else notes
     stated = next((side for _, line in comments for side in _SIDES if line.startswith(rudder_line(side))), "")
     own = bool(stated) and not any(ASSUMED in line for _, line in comments)
     cells, at = [row for _, row in whole], [number for number, _ in whole]
@@ -212,6 +216,21 @@ def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]
         return content
     before = [(number, line.strip(" \t#%")) for number, line in comments if number < content[0][0]]
     return [*before[-1:], *content]
+
+
+def _titles(content: list[tuple[int, str]], delimiter: str) -> int:
+    """Number of lines of another width before the header, which is as wide as the rows at the end of the file."""
+    if len(content) < _FEWEST_LINES:
+        return 0
+    mark = delimiter or _delimiter(content[-1][1])
+    width = len(_cells_of_line(content[-1][1], mark))
+    if mark == " " or any(len(_cells_of_line(line, mark)) != width for _, line in content[-_FEWEST_LINES:]):
+        return 0
+    for titles, (_, line) in enumerate(content[:_MOST_TITLES]):
+        cells = _cells_of_line(line, mark)
+        if len(cells) == width:
+            return 0 if _is_unit_row(cells) or _is_number(cells[0]) else titles
+    return 0
 
 
 def _delimiter(header: str) -> str:
