@@ -8,8 +8,8 @@ SIDE_BY_SIDE := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q 
 
 .PHONY: study frontier foreign test test-fast consistency lint bench docs clean
 
-study: $(STAMP)  ## the paper's study on the container ship -> reports/container/index.html
-	$(VENV)/bin/pymc-ship study --out reports/container
+study: $(STAMP)  ## the paper's study on the container ship -> reports/study/index.html
+	$(VENV)/bin/pymc-ship study --out reports/study
 
 frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> reports/frontier/index.html
 	$(PYTHON) -m studies.frontier --out reports/frontier

@@ -48,13 +48,13 @@ exit status 3: a check of a trial is bad; `pymc-ship check` names the remedy.
   pymc-ship montecarlo my.toml --scheduler tcp://10.0.0.1:8786 --out grid
 """,
     "study": """example:
-  pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/container
+  pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/study
 
 exit status 3: a convergence diagnostic or the agreement of the methods fails.
 """,
     "report": """examples:
   pymc-ship report regressed/sway-conjugate.nc --vessel container --out diagnostics
-  pymc-ship report reports/container/posteriors/sway-*-nuts.nc
+  pymc-ship report reports/study/posteriors/sway-*-nuts.nc
 
 draws are compared with an exact posterior of the same data and prior, if one is given.
 exit status 3: a convergence diagnostic or the agreement fails.
