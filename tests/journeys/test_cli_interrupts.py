@@ -54,7 +54,7 @@ def test_an_interrupted_run_keeps_the_earlier_result_and_leaves_nothing_else(
         monkeypatch.setattr(identification, "identify", stop)
     else:
         monkeypatch.setattr("os.replace", stop)
-    assert main([command, *rest, "--quiet", "--out", str(tmp_path / "out")]) == 130
+    assert main([command, *rest, "--quiet", "--force", "--out", str(tmp_path / "out")]) == 130
     printed = capsys.readouterr()
     expected = "pymc-ship: interrupted; no partial files remain and earlier results are unchanged.\n"
     assert (printed.out, printed.err) == ("", expected)
