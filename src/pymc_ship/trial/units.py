@@ -56,7 +56,8 @@ SECOND = Unit(
 )
 METRE = Unit(
     "m",
-    {"m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "mm": 1e-3, "km": 1e3, "ft": _FOOT},
+    {"m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "mm": 1e-3, "km": 1e3, "ft": _FOOT}
+    | dict.fromkeys(("nmi", "nautical miles"), 1852.0),
     froude=1.0,
 )
 METRE_PER_SECOND = Unit(

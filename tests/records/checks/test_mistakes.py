@@ -7,7 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.records.checks.mistakes import UNEXPLAINED
+from pymc_ship.records.checks.mistakes import PSI_LATE, R_DRIFTS, R_LATE, UNEXPLAINED
 from pymc_ship.records.files.columns import AIS
 from tests.records.checks.cases import alarms, changed, checks_by_name, noisy, simulated, with_samples
 
@@ -149,3 +149,72 @@ def test_a_clean_record_has_no_mistake(ship, level):
     vessel = ps.load_vessel(ship)
     trial = noisy(simulated(vessel, ps.zigzag(20.0, 20.0), 800.0), 7, level)
     assert alarms(checks_by_name(trial, vessel)) <= {"sampling", "noise"}
+
+
+# mistakes of a rate, of v and of the clock that leave the slopes right
+
+
+def shifted(name, seconds):
+    return lambda trial: changed(trial, **{name: np.interp(trial["time"] - seconds, trial["time"], trial[name].values)})
+
+
+def drifting(trial):
+    return changed(trial, r=trial["r"].values + 0.1 * DEGREE * (trial["time"] / trial["time"].values[-1]).values)
+
+
+def smoothed(trial, seconds=2.0):
+    weights = np.exp(-np.arange(0.0, 10.0 * seconds, 0.2) / seconds)
+    padded = np.concatenate([np.zeros(weights.size - 1), trial["r"].values])
+    return changed(trial, r=np.convolve(padded, weights / weights.sum(), "valid"))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words", "verdict"),
+    [
+        (shifted("r", 2.5), R_LATE, "doubtful"),
+        (smoothed, R_LATE, "doubtful"),
+        (drifting, R_DRIFTS, "doubtful"),
+        (shifted("psi", 2.5), PSI_LATE, "bad"),
+    ],
+)
+@pytest.mark.parametrize("ship", ["container", "kvlcc2"])
+def test_a_rate_that_follows_its_angle_late_is_named(ship, spoil, words, verdict):
+    vessel = ps.load_vessel(ship)
+    checks = checks_by_name(spoil(noisy(simulated(vessel, ps.zigzag(20.0, 20.0)), level=0.005)), vessel)
+    assert checks["yaw rate"].verdict == verdict
+    assert f"most probably {words}" in checks["yaw rate"].sentence
+    assert checks["lever arm"].verdict != "doubtful"  # a late heading looks like one
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1.0 / KNOT, "knots taken for m/s"), (3.6, "km/h taken for m/s"), (1.0 / 7.0, "check unit and calibration of v")],
+)
+@pytest.mark.parametrize("ship", ["container", "kvlcc2"])
+def test_v_in_another_unit_than_u_is_no_lag(ship, factor, words):
+    vessel = ps.load_vessel(ship)
+    trial = noisy(simulated(vessel, ps.zigzag(20.0, 20.0), 600.0), 2, 0.005)
+    checks = checks_by_name(scaled("v", factor)(trial), vessel)
+    assert checks["sway sign"].verdict == "bad"
+    assert words in checks["sway sign"].sentence
+    assert checks["velocity lag"].verdict == checks["lever arm"].verdict == "not checked"
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(2.0, "bad"), (1.0 / 1.05, "doubtful")])
+@pytest.mark.parametrize("run", ["zigzag", "circle"])
+def test_a_clock_that_is_too_quick_or_too_slow_is_one_cause(request, container, factor, verdict, run):
+    trial = request.getfixturevalue(run)
+    checks = checks_by_name(trial.assign_coords(time=factor * trial["time"]), container)
+    for name in ("yaw rate", "speed"):
+        assert checks[name].verdict == verdict
+        second = checks[name].sentence.split("a second of the file is ")[1].split(" s;")[0]
+        assert float(second) == pytest.approx(1.0 / factor, rel=0.01)
+    both = checks_by_name(scaled("r", 1.05)(scaled("u v", 1.0 / 1.05)(trial)), container)
+    assert not any("a second of the file" in both[name].sentence for name in ("yaw rate", "speed"))
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("ft", 0.3048), ("nmi", 1852.0)])
+def test_a_track_in_another_unit_is_named_with_its_key(zigzag, container, unit, metres):
+    check = checks_by_name(scaled("x y", 1.0 / metres)(zigzag), container)["speed"]
+    assert check.verdict == "bad"
+    assert f'state unit = "{unit}" for x and y' in check.sentence

@@ -76,7 +76,7 @@ def test_a_command_later_than_the_rudder_has_a_negative_delay(container, approac
     assert check.value("delay") == pytest.approx(-3.0, abs=2.0 * INTERVAL)
 
 
-@pytest.mark.parametrize(("given", "words"), [(5.0, "steered by hand"), (1.0, "a gear quicker")])
+@pytest.mark.parametrize(("given", "words"), [(5.0, "steered by hand"), (1.0, "a quicker gear")])
 def test_a_rudder_that_is_slower_or_quicker_than_its_file_is_explained(zigzag, container, given, words):
     vessel = replace(container, particulars=replace(container.particulars, rudder_rate_deg=given))
     assert words in checks_by_name(zigzag, vessel)["rudder rate"].sentence
@@ -137,3 +137,20 @@ def test_the_recorded_order_is_what_an_angle_is_compared_with(container, ordered
 def test_an_order_between_two_multiples_of_five_degrees_is_no_error(container, manoeuvre):
     check = checks_by_name(simulated(container, manoeuvre), container)["rudder angle"]
     assert check.verdict == ("good" if manoeuvre.kind == "zigzag" else "not checked")
+
+
+@pytest.mark.parametrize("ship", ["container", "kvlcc2"])
+def test_a_rudder_without_its_sign_is_named(ship):
+    vessel = ps.load_vessel(ship)
+    run = simulated(vessel, ps.zigzag(20, 20))
+    check = checks_by_name(changed(run, delta=np.abs(run["delta"].values)), vessel)["rudder sign"]
+    assert (check.verdict, "its sign is lost" in check.sentence) == ("bad", True)
+    for manoeuvre in (ps.turning_circle(35), ps.pull_out(20)):
+        assert checks_by_name(simulated(vessel, manoeuvre), vessel)["rudder sign"].verdict == "good"
+
+
+@pytest.mark.parametrize(("factor", "words"), [(0.5, "delta reads 0.5 of the angle"), (1.6, "delta reads 1.6 times")])
+def test_a_rudder_of_another_scale_is_one_cause_of_its_rate(zigzag, container, factor, words):
+    """The mean of two indicators of which one is dead; per cent of 35 deg."""
+    check = checks_by_name(changed(zigzag, delta=factor * zigzag["delta"].values), container)["rudder rate"]
+    assert (check.verdict, words in check.sentence) == ("doubtful", True)

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from pymc_ship.records.checks.mistakes import SPEED_UNITS, UNEXPLAINED, explanation_text
+from pymc_ship.records.checks.mistakes import GRADUAL, PSI_LATE, SPEED_UNITS, UNEXPLAINED, explanation_text
 from pymc_ship.records.checks.verdicts import (
     SIGNIFICANT,
     SLOW,
@@ -28,6 +28,7 @@ from pymc_ship.records.files.ship_scale import Blocks, ShipScale, least_squares,
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1  # scale error of a rate from which it is doubtful, and from which it is bad
+SLIGHT = 0.03  # changes of an angle, as fraction, that its rate leaves, from which a known mistake is sought
 FOLLOWS, UNRELATED = 0.1, 0.5  # changes of an angle, as fraction, that its rate may leave; from which it is bad
 NOISY = 3.0  # ratio of what a rate leaves to the noise of the record from which it is no noise
 SPOILT = 0.25  # largest fraction of the blocks that is judged apart from the rest
@@ -39,6 +40,7 @@ SHORTEST_APPROACH, STRAIGHT_TURN = 0.25, 0.03  # approach in L/U, and change of 
 YAW_BLOCK = 0.25  # averaging time of yaw and track, in L/U
 _RATE_CHECKS = {"r": ("yaw rate", "gyro offset"), "p": ("roll rate", "roll rate offset")}
 _ROLL_BLOCK = 0.05  # L/U
+SAME_SCALE = 0.15  # relative difference of the logarithms of two scales up to which they are of one clock
 _LOG_WIDTH = 0.05  # a ratio this near to a known factor is that factor
 
 
@@ -53,7 +55,12 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
     measured, time = blocks.increments(trial[angle].values), blocks.increments(trial["time"].values)
     noise = _increment_noise(trial, turning, trial[angle].values, blocks.size)
     fit = _rate_fit(predicted, time, measured, noise)
-    check = _rate_scale(rate, angle, fit, lambda: explanation_text(trial, (rate, angle), partial(_misfit, scale=scale)))
+
+    def explain(*, rate_alone: bool) -> str:
+        alone = partial(_rate_misfit, scale=scale, rate=rate, angle=angle)
+        return explanation_text(trial, (rate, angle), alone if rate_alone else partial(_misfit, scale=scale))
+
+    check = _rate_scale(rate, angle, fit, explain)
     if check.verdict in ("bad", "not checked"):
         return check, not_checked(offset_name, f"the integral of the {name} does not match {angle}")
     if check.verdict == "good" and not fit.kept.all():
@@ -119,7 +126,7 @@ def _rate_fit(predicted: np.ndarray, time: np.ndarray, measured: np.ndarray, noi
     return RateFit(float(slope), float(error), left_over, size=size, noise=noise, turned=turned, kept=kept)
 
 
-def _rate_scale(rate: str, angle: str, fit: RateFit, explain: Callable[[], str]) -> Check:
+def _rate_scale(rate: str, angle: str, fit: RateFit, explain: Callable[..., str]) -> Check:
     """Check of the slope and of what it leaves; ``explain`` returns the known mistake behind it."""
     name, _ = _RATE_CHECKS[rate]
     slope, error, off = fit.slope, fit.error, abs(fit.slope - 1.0)
@@ -130,9 +137,13 @@ def _rate_scale(rate: str, angle: str, fit: RateFit, explain: Callable[[], str])
     if max(fit.size, fit.turned) < NOISY * fit.noise or (follows and error > 0.2 * max(abs(slope), 1.0)):
         return not_checked(name, f"{angle} changes too little for an estimate of the scale of {rate}", numbers)
     differs = off > SIGNIFICANT * error
-    if not follows or (differs and off > SCALE_BAD):
-        cause = explain()
-        verdict = "doubtful" if cause == UNEXPLAINED and not differs and fit.left < UNRELATED * fit.size else "bad"
+    is_wrong = not follows or (differs and off > SCALE_BAD)
+    leaves_more_than_noise = fit.left > max(SLIGHT * fit.size, NOISY * fit.noise)
+    cause = explain(rate_alone=not is_wrong) if is_wrong or leaves_more_than_noise else UNEXPLAINED
+    if is_wrong or cause != UNEXPLAINED:
+        gradual = any(words in cause for words in GRADUAL) and PSI_LATE not in cause and " and " not in cause
+        slight = fit.left < UNRELATED * fit.size and (gradual or (cause == UNEXPLAINED and not differs))
+        verdict = "doubtful" if slight else "bad"
         cause += "; check units and calibration" if cause == UNEXPLAINED else ""
         text = f"The change of {angle} is {slope:.4g} times the integral of {rate}, and {fit.left / fit.size:.0%} of it"
         return Check(name, verdict, f"{text} is left over; {cause}.", numbers)
@@ -248,6 +259,19 @@ def heading_offset_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     verdict = "bad" if across > CROSS_CURRENT else "doubtful"
     text = f"{text}: a current of {across:.2g} m/s across, or a magnetic or misaligned heading"
     return Check(name, verdict, f"{text}; for that, state psi = {{ ..., offset = {off:.3g} }}.", numbers)
+
+
+def clock_checks(yaw: Check, speed: Check) -> tuple[Check, Check]:
+    """Checks of yaw rate and speed; where both have the same scale, the clock is the cause."""
+    scales = [{label: value for label, value, _ in check.numbers} for check in (yaw, speed)]
+    turn, way = scales[0].get("scale", 1.0), scales[1].get("track over velocity", 1.0)
+    off = min(abs(turn - 1.0), abs(way - 1.0))
+    if off <= SCALE_DOUBTFUL or turn <= 0.0 or abs(np.log(turn / way)) > SAME_SCALE * abs(np.log(way)):
+        return yaw, speed
+    text = f"psi and the track change by {turn:.3g} and {way:.3g} times the integrals of r and of u, v: a "
+    text += f"second of the file is {way:.3g} s; correct the unit of time or the sampling interval."
+    verdict = "bad" if off > SCALE_BAD else "doubtful"
+    return replace(yaw, verdict=verdict, sentence=text), replace(speed, verdict=verdict, sentence=text)
 
 
 def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:

@@ -14,7 +14,9 @@ from itertools import combinations
 import numpy as np
 import xarray as xr
 
+from pymc_ship.records.checks.verdicts import integral
 from pymc_ship.records.files.columns import CODES
+from pymc_ship.trial.record import sampling_interval
 
 BETTER, PAIR = 2.0, 2.0  # ratio of misfits from which a mistake explains a record, and a pair a single one's
 EXPLAINED = 0.2  # largest misfit over its signal of a record that is explained
@@ -26,12 +28,16 @@ Mend = Callable[[xr.Dataset], xr.Dataset]
 
 @dataclass(frozen=True)
 class Mistake:
-    """A known mistake of some channels: its words, the correction of a trial and the format key that has it read."""
+    """A known mistake of some channels: its words, the correction of a trial and the format key that has it read.
+
+    ``remedy`` is what to do where no key mends a file.
+    """
 
     channels: str
     words: str
     mend: Mend
-    key: str
+    key: str = ""
+    remedy: str = ""
 
 
 def changed(trial: xr.Dataset, **channels: np.ndarray) -> xr.Dataset:
@@ -66,6 +72,33 @@ def _exchanged(one: str, other: str) -> Mistake:
     )
 
 
+def _left_of_heading(trial: xr.Dataset, extra: np.ndarray) -> float:
+    """Coefficient of a column in the heading less the integral of r, beside a constant and a trend."""
+    time = trial["time"].values - trial["time"].values[0]
+    turned = integral(trial["r"].values, sampling_interval(trial))
+    columns = np.column_stack([np.ones(time.size), time, extra])
+    return float(np.linalg.lstsq(columns, np.unwrap(trial["psi"].values) - turned)[0][-1])
+
+
+def _in_time(trial: xr.Dataset, name: str) -> xr.Dataset:
+    """Trial whose r or psi is moved forward by its lag behind the other; unchanged where it is not late."""
+    if not {"r", "psi"} <= set(trial):
+        return trial
+    time, lag = trial["time"].values, 0.0
+    for _ in range(3):
+        moved = changed(trial, **{name: np.interp(time + lag, time, trial[name].values)})
+        lag += (1.0 if name == "r" else -1.0) * _left_of_heading(moved, moved["r"].values)
+    return moved if lag > 0.0 else trial
+
+
+def _without_drift(trial: xr.Dataset) -> xr.Dataset:
+    """Trial without the linear drift of the offset of r against psi."""
+    if not {"r", "psi"} <= set(trial):
+        return trial
+    time = trial["time"].values - trial["time"].values[0]
+    return changed(trial, r=trial["r"].values + 2.0 * _left_of_heading(trial, time**2) * time)
+
+
 SPEED_UNITS = {
     _KNOT: ("knots taken for m/s", 'unit = "kn"'),
     1.0 / 3.6: ("km/h taken for m/s", 'unit = "km/h"'),
@@ -73,11 +106,16 @@ SPEED_UNITS = {
     1.0 / _KNOT: ("m/s that were converted as knots, or a track in nautical units", 'unit = "m/s"'),
     3.6: ("m/s that were converted as km/h", 'unit = "m/s"'),
     0.001: ("mm/s taken for m/s, or a track in km", 'unit = "km" for x and y'),
+    1.0 / 0.3048: ("m/s that were converted as ft/s, or a track in feet", 'unit = "ft" for x and y'),
+    1.0 / 1852.0: ("1852 times too large, or a track in nautical miles", 'unit = "nmi" for x and y'),
     1000.0: ("km/s taken for m/s, or a track in mm", 'unit = "mm" for x and y'),
 }
 """Factor that a wrong speed lacks, its words and its key."""
 
 SIGNS = tuple(_reversed(name) for name in ("delta", "v", "r"))  # that one run alone may have
+
+R_LATE, PSI_LATE, R_DRIFTS = "r is late or smoothed by a filter", "psi is late", "the offset of r drifts"
+GRADUAL = (R_LATE, R_DRIFTS)  # mistakes that spoil a rate a little, and in part only
 
 MISTAKES = (
     _in_degrees("r", "deg/s", _DEG),
@@ -91,6 +129,9 @@ MISTAKES = (
     _reversed("psi", 'heading = "counterclockwise"'),
     _reversed("phi"),
     _reversed("u"),
+    Mistake("r", R_LATE, partial(_in_time, name="r"), remedy="take r from psi, or a gyro without the filter"),
+    Mistake("psi", PSI_LATE, partial(_in_time, name="psi"), remedy="correct the clock of psi"),
+    Mistake("r", R_DRIFTS, _without_drift, remedy="take r from psi, or calibrate the gyro"),
     _exchanged("r", "psi"),
     _exchanged("p", "phi"),
     _exchanged("u", "v"),
@@ -129,5 +170,7 @@ def explanation_text(trial: xr.Dataset, channels: Iterable[str], misfit: Callabl
     best = min(after, key=lambda chosen: after[chosen] * PAIR ** len(chosen), default=())
     if not best or after[best] > min(before / BETTER, EXPLAINED):
         return UNEXPLAINED
-    words, keys = (" and ".join(getattr(one, name) for one in best) for name in ("words", "key"))
-    return f"most probably {words}: the misfit falls from {before:.2g} to {after[best]:.2g}; state {keys}"
+    words, keys = (" and ".join(filter(None, (getattr(one, name) for one in best))) for name in ("words", "key"))
+    remedies = [f"state {keys}"] if keys else []
+    remedies += [one.remedy for one in best if one.remedy]
+    return f"most probably {words}: the misfit falls from {before:.2g} to {after[best]:.2g}; {'; '.join(remedies)}"

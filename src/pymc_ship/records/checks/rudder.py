@@ -26,6 +26,7 @@ LONGEST_PLAY = 1.5  # deg, up to which an angle is that of an order of a multipl
 STEPS = (2.0, 1.0, 0.5)  # deg, of coarse indicators
 RATE = 0.1  # difference from the vessel file's rudder rate that passes
 GEAR, AT_ONCE = 5.0, 3.0  # rate [deg/s] of a quick gear; ratio to the rate of the gear that only an order has
+ONE_SIDED, BOTH_SIDES = 0.05, 0.3  # lesser over larger rudder angle of a rudder without sign; yaw rates, to both sides
 PAUSE = 0.25  # fraction of a move's largest step up to which the rudder pauses
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
@@ -51,6 +52,9 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Sign of the yaw acceleration that a rudder angle brings (Nomoto's equation), or of their lagged correlation."""
     if reason := missing_channels_text(trial, ("delta", "r")):
         return not_checked("rudder sign", reason)
+    if _has_lost_its_sign(trial):
+        text = "delta stays on one side while the ship turns to both: its sign is lost; find the column with the sign."
+        return Check("rudder sign", "bad", text)
     effect = rudder_effect(trial, scale)
     numbers: Numbers = (("yaw acceleration per rudder angle", effect.gain, "U2/L2"),)
     numbers += (("standard error", effect.error, "U2/L2"), ("lagged correlation", effect.correlation, ""))
@@ -63,6 +67,15 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if trial.attrs.get(AXES):
         text += f". The file does not show its axes: so it is, or the record is {MIRROR_IMAGE}"
     return Check("rudder sign", "good", f"{text}.", numbers)
+
+
+def _has_lost_its_sign(trial: xr.Dataset) -> bool:
+    """Whether the rudder has angles to one side only, and the ship turns to both."""
+    delta, r = trial["delta"].values, trial["r"].values
+    low, high = np.quantile(delta, [0.0, 1.0])
+    right, left = np.quantile(r, [0.1, 0.9])
+    one_sided = min(abs(low), abs(high)) < ONE_SIDED * max(abs(low), abs(high)) or low * high > 0.0
+    return bool(one_sided and min(-right, left) > BOTH_SIDES * max(-right, left))
 
 
 def rudder_zero_check(trial: xr.Dataset) -> Check:
@@ -194,9 +207,11 @@ def rudder_rate_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
         return Check(name, "good", f"The rudder moves at {rate:.3g} deg/s; the vessel file has {given:.3g}.", numbers)
     text = f"The rudder moves at {rate:.3g} deg/s, the vessel file has {given:.3g};"
     if rate < given:
-        text = f"{text} steered by hand, it may be slower than its gear: the rate of the gear is unknown."
+        text = (
+            f"{text} steered by hand, it may be slower than its gear, or delta reads {rate / given:.2g} of the angle."
+        )
     else:
-        text = f"{text} an ordered angle, or a gear quicker than that of the file."
+        text = f"{text} an ordered angle, a quicker gear, or delta reads {rate / given:.2g} times the angle."
     return Check(name, "doubtful", text, numbers)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.records.checks.kinematics import YAW_BLOCK, heel
+from pymc_ship.records.checks.mistakes import SPEED_UNITS
 from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, integral, missing_channels_text, not_checked
 from pymc_ship.records.files.ship_scale import Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.trial.record import sampling_interval
@@ -19,6 +20,7 @@ LEVER = 0.005  # lever arm over L from which it matters: error of v' per r'
 LONGEST_LEVER = 0.6  # lever arm over L that a point on board can have
 SEEN_LEVER = 0.05  # lever arm over L that a record must be able to show; in a steady turn it looks like an offset of v
 BETTER = 3.0  # ratio of misfits from which velocities count as earth-fixed, or v as reversed in sign
+V_SCALE, V_UNIT = 0.25, 0.15  # error of a factor of v from which v is wrong; its logarithm, up to which it is a unit's
 DRIFT_GOOD, DRIFT_BAD = (
     (0.05, 0.005),
     (0.25, 0.025),
@@ -113,12 +115,35 @@ def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
         if significant and reading * BETTER < min(body, flipped):
             text = f"u and v miss the track by {body:.2g} m/s, with {words} by {reading:.2g} m/s; state {key}."
             return replace(axes, verdict="bad", sentence=text), not_checked(names[1], "the ship seems to go astern")
+    if significant and (text := _sway_scale_text(trial, track, measured, scale, min(body, flipped))):
+        return axes, Check(names[1], "bad", text, numbers)
     if significant and flipped * BETTER < body:
         text = f"v misses the track by {body:.2g} m/s, -v by {flipped:.2g} m/s; flip its sign (starboard is positive)."
         return axes, Check(names[1], "bad", text, numbers)
     if flipped < BETTER * body or flipped < 0.01 * scale.U:
         return axes, not_checked(names[1], "v is too small or too uncertain to check its sign by the track", numbers)
     return axes, Check(names[1], "good", "v has the sign that leads to the track.", numbers)
+
+
+def _sway_scale_text(
+    trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, scale: ShipScale, misfit: float
+) -> str:
+    """Sentence on the factor of v that leads to the track, beside a lever arm and offsets; empty without one."""
+    u, v = trial["u"].values, trial["v"].values
+    missing = measured - track.increments_of(*turned_to_earth(u, 0.0 * v, trial))
+    sway = track.increments_of(*turned_to_earth(0.0 * u, v, trial))
+    columns = [sway.ravel(), _lever_column(trial, track).ravel(), *track.offsets]
+    (factor, lever, *_), (error, *_), _ = least_squares(columns, missing.ravel())
+    if factor <= 0.0 or abs(lever) > LONGEST_LEVER * scale.L or abs(factor - 1.0) <= max(V_SCALE, SIGNIFICANT * error):
+        return ""
+    left = _misfit(trial.assign(v=factor * trial["v"]), track, measured, scale, "body", 1.0)
+    if left * BETTER >= misfit:
+        return ""
+    text = f"u and v miss the track by {misfit:.2g} m/s, with {factor:.3g} v by {left:.2g} m/s"
+    for known, (words, _) in SPEED_UNITS.items():
+        if abs(np.log(factor / known)) < V_UNIT:
+            return f"{text}: v is probably {words.split(',')[0]}; state its unit."
+    return f"{text}: check unit and calibration of v; a drift angle is no velocity."
 
 
 def _misfit(

@@ -124,8 +124,8 @@ def _closure_checks(
     """Trial with what the closure mends, and the checks."""
     scale = ship_scale(trial, vessel)
     checks = [*kinematics.rate_checks(trial, scale, "r", "psi"), *kinematics.rate_checks(trial, scale, "p", "phi")]
-    checks += [kinematics.heading_check(trial, scale), kinematics.speed_check(trial, scale)]
-    checks += [kinematics.heading_offset_check(trial, scale)]
+    checks[0], speed = kinematics.clock_checks(checks[0], kinematics.speed_check(trial, scale))
+    checks += [kinematics.heading_check(trial, scale), speed, kinematics.heading_offset_check(trial, scale)]
     trial = _apply_corrections(trial, checks)
     wrong = [check.name for check in checks if check.verdict == "bad" and check.name in _FIRST]
     if wrong:

@@ -182,30 +182,29 @@ def identify_ship(
     progress(f"term sets {'; '.join(term_set_names)}: fits to all of {len(trials)} runs and to all but one")
     with _with_contradictions(contradictions):
         candidates, refusals = fit_candidates(term_set_names, training, rng)
-    fullest_vessel = most_dofs(candidate.vessel for candidate in candidates)
-    remarks = [
-        *mirror_remarks(by_name),
-        *repeated_runs(by_name),
-        *contradictions,
-        *vessel_remarks(fullest_vessel),
-        *(refusal.sentence for refusal in refusals),
-        *partial_run_remarks(names, training, candidates),
-    ]
-    progress("weights and model error from held-out runs")
-    candidates = _with_weights(candidates, training.earlier, rng)
-    rows = _held_out_indices(candidates, training, names, rng) if len(trials) > 1 else []
-    all_rows = [*(index_rows(before.held_out_indices) if before else ()), *rows]
-    errors = model_error(all_rows)
-    earlier_harder = index_rows(before.harder_indices) if before else ()
-    harder_rows = [*earlier_harder, *_harder_indices(candidates, training, names, rng)]
-    remarks += unscored_run_remarks(by_name, training.manoeuvres, fullest_vessel)
-    remarks += [] if all_rows else [_NOTHING_HELD_OUT]
-    progress("feasible draws")
-    with _with_contradictions(contradictions):
+        fullest_vessel = most_dofs(candidate.vessel for candidate in candidates)
+        remarks = [
+            *mirror_remarks(by_name),
+            *repeated_runs(by_name),
+            *contradictions,
+            *vessel_remarks(fullest_vessel),
+            *(refusal.sentence for refusal in refusals),
+            *partial_run_remarks(names, training, candidates),
+        ]
+        progress("weights and model error from held-out runs")
+        candidates = _with_weights(candidates, training.earlier, rng)
+        rows = _held_out_indices(candidates, training, names, rng) if len(trials) > 1 else []
+        all_rows = [*(index_rows(before.held_out_indices) if before else ()), *rows]
+        errors = model_error(all_rows)
+        earlier_harder = index_rows(before.harder_indices) if before else ()
+        harder_rows = [*earlier_harder, *_harder_indices(candidates, training, names, rng)]
+        remarks += unscored_run_remarks(by_name, training.manoeuvres, fullest_vessel)
+        remarks += [] if all_rows else [_NOTHING_HELD_OUT]
+        progress("feasible draws")
         candidates = sorted(_draw_feasible(candidates, draws, rng), key=lambda candidate: -candidate.weight)
-    remarks += [] if captive is None else _captive_remarks(captive, candidates[0])
-    remarks += [earlier_runs_remark(candidates[0], training)] if training.earlier else []
-    new_motion_error = motion_error(_held_out_motion(candidates, training, rng), vessel)
+        remarks += [] if captive is None else _captive_remarks(captive, candidates[0])
+        remarks += [earlier_runs_remark(candidates[0], training)] if training.earlier else []
+        new_motion_error = motion_error(_held_out_motion(candidates, training, rng), vessel)
     earlier_facilities = before.facilities if before else {}
     ship = Ship(
         members=tuple(candidate.member(training.earlier) for candidate in candidates),
