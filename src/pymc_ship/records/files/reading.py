@@ -175,7 +175,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     comments = [(number, line) for number, line in numbered if line.lstrip().startswith(_COMMENTS)]
     content = [(number, line) for number, line in numbered if not line.lstrip().startswith(_COMMENTS)]
     content = _with_header(content, comments)
-    titles = _titles(content, layout.delimiter)
+    titles = _titles(content, layout.delimiter or "")
     content = content[titles:]
     if content and all(map(_is_number, _cells_of_line(content[0][1], _delimiter(content[0][1])))):
         raise TrialError(
