@@ -111,7 +111,9 @@ class TestIdentify:
         words = ["design", str(identified), "--n", "1", "--quiet", "--out", str(tmp_path)]
         assert main(words) == 0
         anywhere = capsys.readouterr().out
-        assert main([*words, "--sea-room", "2500"]) == 0
+        assert main([*words, "--sea-room", "2500"]) == 2
+        assert "--force" in capsys.readouterr().err
+        assert main([*words, "--force", "--sea-room", "2500"]) == 0
         near = capsys.readouterr().out
         for text in (anywhere, near):
             assert text.startswith("Interval widths after each run")

@@ -109,7 +109,7 @@ def output_file(path: str, option: str = "--out") -> Path:
 def check_replaced(args: argparse.Namespace) -> None:
     """Raise OutputError where an output of a command would replace an input, or what another command or hand made.
 
-    A result of the same command may be replaced, and so may anything with ``--force``.
+    A result of the same command and options may be replaced, and so may anything with ``--force``.
     """
     values = [value for key, value in vars(args).items() if key not in _NOT_RECORDED]
     words = [word for value in values for word in (value if isinstance(value, list) else [value])]
@@ -123,8 +123,8 @@ def check_replaced(args: argparse.Namespace) -> None:
             raise OutputError(f"{option} must not be an input, found {path}; give another name, or --force.")
         if option == "--write-format" or not _is_remade(path, args):
             raise OutputError(
-                f"{option} must be new or a result of the same command, found another at {path}; give another name, "
-                "or --force to replace it."
+                f"{option} must be new or a result of the same command and options, found another at {path}; "
+                "give another name, or --force to replace it."
             )
 
 

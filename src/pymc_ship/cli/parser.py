@@ -87,7 +87,7 @@ def parser() -> Parser:
             command.add("--seed", "seed of the random numbers, recorded in the output", 2020, type=seed)
         command.add("--quiet", "print results and errors only", False, action="store_true")
         if name not in _CONTINUED:
-            command.add("--force", "replace an input or a result of another command", False, action="store_true")
+            command.add("--force", "replace an input or another result", False, action="store_true")
         add_options(command)
     return words
 

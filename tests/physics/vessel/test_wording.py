@@ -68,7 +68,7 @@ test_vessel_errors = wording(
         for name in LOADED
     ),
     (
-        r"^A term set is one of own terms, quadratic, .*; found 'quartic'; choose",
+        r"^A term set is one of own terms, quadratic, .*; found 'quartic' \(did you mean quadratic\?\); choose",
         lambda: with_terms(tanker(), "quartic"),
     ),
     (

@@ -101,7 +101,7 @@ test_trial_errors = wording(
 test_vessel_errors = wording(
     ps.VesselError,
     (
-        r"^A term set is one of .*; found 'quartic'; choose one of them\.$",
+        r"^A term set is one of .*; found 'quartic' \(did you mean quadratic\?\); choose one of them\.$",
         lambda: identified(trials(0)[:1], ("quartic",)),
     ),
     (
