@@ -152,6 +152,14 @@ def test_a_short_header_is_no_title(run, tmp_path):
         ps.read_trial(path)
 
 
+def test_a_row_with_a_date_is_no_header(run, tmp_path):
+    path = tmp_path / "run.csv"
+    rows = "\n".join(f"2020-01-01T08:00:{second:02d},1,2,3" for second in range(20))
+    path.write_text(f"time,u,v\n{rows}\n")
+    with refused(ps.TrialError, "run.csv", 3, 4):
+        ps.read_trial(path)
+
+
 def test_a_file_and_its_table_are_the_same(tmp_path):
     path = tmp_path / "format.toml"
     path.write_text(

@@ -229,7 +229,7 @@ def _titles(content: list[tuple[int, str]], delimiter: str) -> int:
     for titles, (_, line) in enumerate(content[:_MOST_TITLES]):
         cells = _cells_of_line(line, mark)
         if len(cells) == width:
-            return 0 if _is_unit_row(cells) or _is_number(cells[0]) else titles
+            return 0 if _is_unit_row(cells) or any(map(_is_number, cells)) else titles
     return 0
 
 
