@@ -44,9 +44,8 @@ def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if "u" in trial:
         change, error = speed_trend(trial["time"].values[:n], trial["u"].values[:n], scale.nominal_time)
         numbers += [("change of speed in L/U", change, "")] if np.isfinite(change) else []
-        faults += (
-            [f"the speed changes by {change:+.1%} in L/U"] if abs(change) > max(STEADY, SIGNIFICANT * error) else []
-        )
+        if abs(change) > max(STEADY, SIGNIFICANT * error):
+            faults.append(f"the speed changes by {change:+.1%} in L/U")
     if faults:
         text = f"On the approach {', '.join(faults)}; indices count from a straight course, a fit may start there."
         return Check("approach", "doubtful", text, tuple(numbers))

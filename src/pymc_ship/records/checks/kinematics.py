@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from pymc_ship.records.checks.mistakes import GRADUAL, PSI_LATE, SPEED_UNITS, UNEXPLAINED, explanation_text
+from pymc_ship.records.checks.mistakes import SPEED_UNITS, UNEXPLAINED, Mistake, explanation
 from pymc_ship.records.checks.verdicts import (
     SIGNIFICANT,
     SLOW,
@@ -56,9 +56,9 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
     noise = _increment_noise(trial, turning, trial[angle].values, blocks.size)
     fit = _rate_fit(predicted, time, measured, noise)
 
-    def explain(*, rate_alone: bool) -> str:
+    def explain(*, rate_alone: bool) -> tuple[tuple[Mistake, ...], str]:
         alone = partial(_rate_misfit, scale=scale, rate=rate, angle=angle)
-        return explanation_text(trial, (rate, angle), alone if rate_alone else partial(_misfit, scale=scale))
+        return explanation(trial, (rate, angle), alone if rate_alone else partial(_misfit, scale=scale))
 
     check = _rate_scale(rate, angle, fit, explain)
     if check.verdict in ("bad", "not checked"):
@@ -126,8 +126,8 @@ def _rate_fit(predicted: np.ndarray, time: np.ndarray, measured: np.ndarray, noi
     return RateFit(float(slope), float(error), left_over, size=size, noise=noise, turned=turned, kept=kept)
 
 
-def _rate_scale(rate: str, angle: str, fit: RateFit, explain: Callable[..., str]) -> Check:
-    """Check of the slope and of what it leaves; ``explain`` returns the known mistake behind it."""
+def _rate_scale(rate: str, angle: str, fit: RateFit, explain: Callable[..., tuple[tuple[Mistake, ...], str]]) -> Check:
+    """Check of the slope and of what it leaves; ``explain`` returns known mistakes behind it, and words on them."""
     name, _ = _RATE_CHECKS[rate]
     slope, error, off = fit.slope, fit.error, abs(fit.slope - 1.0)
     numbers = (("scale", slope, ""), ("standard error", error, ""))
@@ -139,12 +139,15 @@ def _rate_scale(rate: str, angle: str, fit: RateFit, explain: Callable[..., str]
     differs = off > SIGNIFICANT * error
     is_wrong = not follows or (differs and off > SCALE_BAD)
     leaves_more_than_noise = fit.left > max(SLIGHT * fit.size, NOISY * fit.noise)
-    cause = explain(rate_alone=not is_wrong) if is_wrong or leaves_more_than_noise else UNEXPLAINED
-    if is_wrong or cause != UNEXPLAINED:
-        gradual = any(words in cause for words in GRADUAL) and PSI_LATE not in cause and " and " not in cause
-        slight = fit.left < UNRELATED * fit.size and (gradual or (cause == UNEXPLAINED and not differs))
+    mistakes: tuple[Mistake, ...] = ()
+    cause = UNEXPLAINED
+    if is_wrong or leaves_more_than_noise:
+        mistakes, cause = explain(rate_alone=not is_wrong)
+    if is_wrong or mistakes:
+        is_gradual = len(mistakes) == 1 and mistakes[0].gradual
+        slight = fit.left < UNRELATED * fit.size and (is_gradual or not (mistakes or differs))
         verdict = "doubtful" if slight else "bad"
-        cause += "; check units and calibration" if cause == UNEXPLAINED else ""
+        cause += "" if mistakes else "; check units and calibration"
         text = f"The change of {angle} is {slope:.4g} times the integral of {rate}, and {fit.left / fit.size:.0%} of it"
         return Check(name, verdict, f"{text} is left over; {cause}.", numbers)
     if differs and off > SCALE_DOUBTFUL:
@@ -210,7 +213,7 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if 0.3 < slope < 3.0:
         text = f"The course over ground changes with the heading ({slope:.3g} rad per rad)."
         return Check("heading", "good", text, numbers)
-    cause = explanation_text(trial, ("psi", "r", "x", "y"), partial(_misfit, scale=scale))
+    _, cause = explanation(trial, ("psi", "r", "x", "y"), partial(_misfit, scale=scale))
     text = f"The course over ground changes by {slope:.3g} rad per rad of heading; check unit and sign of psi, x and y"
     return Check("heading", "bad", f"{text}: {cause}.", numbers)
 

@@ -30,7 +30,7 @@ Mend = Callable[[xr.Dataset], xr.Dataset]
 class Mistake:
     """A known mistake of some channels: its words, the correction of a trial and the format key that has it read.
 
-    ``remedy`` is what to do where no key mends a file.
+    ``remedy`` is what to do where no key mends a file; a ``gradual`` one spoils a rate a little, and in part only.
     """
 
     channels: str
@@ -38,6 +38,7 @@ class Mistake:
     mend: Mend
     key: str = ""
     remedy: str = ""
+    gradual: bool = False
 
 
 def changed(trial: xr.Dataset, **channels: np.ndarray) -> xr.Dataset:
@@ -115,7 +116,6 @@ SPEED_UNITS = {
 SIGNS = tuple(_reversed(name) for name in ("delta", "v", "r"))  # that one run alone may have
 
 R_LATE, PSI_LATE, R_DRIFTS = "r is late or smoothed by a filter", "psi is late", "the offset of r drifts"
-GRADUAL = (R_LATE, R_DRIFTS)  # mistakes that spoil a rate a little, and in part only
 
 MISTAKES = (
     _in_degrees("r", "deg/s", _DEG),
@@ -129,9 +129,15 @@ MISTAKES = (
     _reversed("psi", 'heading = "counterclockwise"'),
     _reversed("phi"),
     _reversed("u"),
-    Mistake("r", R_LATE, partial(_in_time, name="r"), remedy="take r from psi, or a gyro without the filter"),
+    Mistake(
+        "r",
+        R_LATE,
+        partial(_in_time, name="r"),
+        remedy="take r from psi, or a gyro without the filter",
+        gradual=True,
+    ),
     Mistake("psi", PSI_LATE, partial(_in_time, name="psi"), remedy="correct the clock of psi"),
-    Mistake("r", R_DRIFTS, _without_drift, remedy="take r from psi, or calibrate the gyro"),
+    Mistake("r", R_DRIFTS, _without_drift, remedy="take r from psi, or calibrate the gyro", gradual=True),
     _exchanged("r", "psi"),
     _exchanged("p", "phi"),
     _exchanged("u", "v"),
@@ -162,15 +168,18 @@ def explanations(trial: xr.Dataset, channels: Iterable[str], number: int) -> dic
     return mended
 
 
-def explanation_text(trial: xr.Dataset, channels: Iterable[str], misfit: Callable[[xr.Dataset], float]) -> str:
-    """Words on the mistake, or pair, after which a record agrees with itself best, by how much, and its key."""
+def explanation(
+    trial: xr.Dataset, channels: Iterable[str], misfit: Callable[[xr.Dataset], float]
+) -> tuple[tuple[Mistake, ...], str]:
+    """Mistake, or pair, after which a record agrees with itself best, none if unexplained; words on gain and key."""
     before = misfit(trial)
     tried = explanations(trial, channels, 1) | explanations(trial, channels, 2)
     after = {chosen: misfit(mended) for chosen, mended in tried.items()}
     best = min(after, key=lambda chosen: after[chosen] * PAIR ** len(chosen), default=())
     if not best or after[best] > min(before / BETTER, EXPLAINED):
-        return UNEXPLAINED
+        return (), UNEXPLAINED
     words, keys = (" and ".join(filter(None, (getattr(one, name) for one in best))) for name in ("words", "key"))
     remedies = [f"state {keys}"] if keys else []
     remedies += [one.remedy for one in best if one.remedy]
-    return f"most probably {words}: the misfit falls from {before:.2g} to {after[best]:.2g}; {'; '.join(remedies)}"
+    gain = f"the misfit falls from {before:.2g} to {after[best]:.2g}"
+    return best, f"most probably {words}: {gain}; {'; '.join(remedies)}"
