@@ -136,6 +136,19 @@ class TestEvidence:
         assert max(others) <= log_evidence - prior.shape + 1e-6
         assert np.mean(np.array(others) < log_evidence - prior.shape - 1e-3) > 0.9
 
+    @pytest.mark.parametrize("family", FAMILIES)
+    def test_the_gradient_is_that_of_central_differences(self, family):
+        data, step = scaled(), 1e-5
+
+        def posterior(logs):
+            shape, noise_variance, kappa = np.exp(logs)
+            return FAMILIES[family].from_box(shape=shape, noise_variance=noise_variance, kappa=kappa).exact(data)
+
+        for logs in np.random.default_rng(4).uniform([-1.0, -4.0, -3.0], [3.0, 1.0, 6.0], (20, 3)):
+            ends = [[posterior(logs + sign * step * axis).log_evidence for sign in (1, -1)] for axis in np.eye(3)]
+            differences = -np.diff(ends)[:, 0] / (2.0 * step)
+            np.testing.assert_allclose(posterior(logs).evidence_gradient, differences, rtol=1e-5, atol=1e-4)
+
     @pytest.mark.consistency
     @pytest.mark.parametrize("family", FAMILIES)
     def test_the_noise_variance_is_covered(self, family, monkeypatch):
@@ -143,7 +156,7 @@ class TestEvidence:
         sets, z = 200, stats.norm.ppf(1.0 - 0.5e-3)
         limit = z * np.sqrt(0.9 * 0.1 / sets)
         assert abs(np.mean([noise_is_covered(family, k) for k in range(sets)]) - 0.9) < limit
-        monkeypatch.setattr(FAMILIES[family], "log_hyperprior", lambda prior: 0.0)
+        monkeypatch.setattr(FAMILIES[family], "hyperprior_rate", 0.0)
         assert np.mean([noise_is_covered(family, k) for k in range(30)]) < 0.9 - z * np.sqrt(0.9 * 0.1 / 30)
 
     def test_an_optimum_on_an_edge_is_named(self):

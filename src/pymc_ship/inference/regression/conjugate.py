@@ -102,6 +102,16 @@ class NormalInverseGamma(RotatedPosterior):
         return (self.basis.T * self.spread) @ self.basis * self.noise_variance_mean
 
     @property
+    def evidence_gradient(self) -> np.ndarray:
+        """Derivative of the log evidence by the logs of shape, noise variance and kappa, shape (3,)."""
+        from scipy.special import digamma
+
+        by_scale = self.prior_shape - self.shape * self.prior_scale / self.scale
+        by_shape = digamma(self.shape) - digamma(self.prior_shape) - math.log(self.scale / self.prior_scale)
+        by_kappa = 0.5 * (self.shape / self.scale * np.sum(self.location**2) - np.sum(1.0 - self.spread))
+        return np.array([self.prior_shape * by_shape + by_scale, by_scale, by_kappa])
+
+    @property
     def degrees_of_freedom(self) -> float:
         """Degrees of freedom of the marginal t distribution of the coefficients and of new rows."""
         return 2.0 * self.shape

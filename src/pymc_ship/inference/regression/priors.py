@@ -53,6 +53,8 @@ class Prior(ABC):
         1 if the prior variance of the coefficients is proportional to the noise variance, 0 if independent of it.
     box : mapping of str to (float, float)
         Bounds of the hyperparameters in a search, by argument of :meth:`from_box`, for z-scored data.
+    hyperprior_rate : float
+        Rate of the exponential law of ``shape`` in a search by evidence, which else has no maximum.
     """
 
     mean: float | np.ndarray = 0.0
@@ -63,6 +65,7 @@ class Prior(ABC):
     family: ClassVar[str] = ""
     noise_power: ClassVar[float]
     box: ClassVar[Mapping[str, tuple[float, float]]]
+    hyperprior_rate: ClassVar[float] = 1.0
     colour: ClassVar[str] = "#6b7680"
     citation: ClassVar[str] = ""
 
@@ -96,10 +99,6 @@ class Prior(ABC):
     @abstractmethod
     def exact(self, data: RegressionData) -> ExactPosterior:
         """Exact posterior of regression data under this prior."""
-
-    def log_hyperprior(self) -> float:
-        """Log density of the hyperparameters: ``shape`` ~ Exponential(1), else the evidence has no maximum."""
-        return -self.shape
 
     def means(self, n_terms: int) -> np.ndarray:
         """Prior means, shape (n_terms,)."""
@@ -164,11 +163,13 @@ class ExactPosterior(ABC):
     """Exact posterior of coefficients and noise variance, on the original scale.
 
     ``coefficients`` are n_terms names, with ``mean``, shape (n_terms,), and ``covariance``, shape (n_terms, n_terms);
-    ``log_evidence`` is the log density p(y) of the original response.
+    ``log_evidence`` is the log density p(y) of the original response, ``evidence_gradient`` its derivative by the logs
+    of shape, noise variance (scale / shape) and kappa, shape (3,); None for a family that has not worked it out.
     """
 
     coefficients: tuple[str, ...]
     log_evidence: float
+    evidence_gradient: np.ndarray | None = None
 
     if TYPE_CHECKING:  # a field or a property of the subclass
 
@@ -377,6 +378,7 @@ def rotate(data: RegressionData, prior: Prior) -> Rotation:
         residual_square = float(np.sum((error - left @ z) ** 2))
     else:
         z, residual_square = data.projection
-    padding = (0, data.n_terms - len(s))
+    if missing := data.n_terms - len(s):
+        s, z = (np.pad(values, (0, missing)) for values in (s, z))
     basis = (right * root) @ data.transformation[1].T
-    return Rotation(np.pad(s, padding), np.pad(z, padding), residual_square, data.to_original(mean), basis)
+    return Rotation(s, z, residual_square, data.to_original(mean), basis)

@@ -110,6 +110,17 @@ class NormalMixture(RotatedPosterior):
         return (self.basis.T * (self.weights @ variances)) @ self.basis + (deviation.T * self.weights) @ deviation
 
     @property
+    def evidence_gradient(self) -> np.ndarray:
+        """Derivative of the log evidence by the logs of shape, noise variance and kappa, shape (3,)."""
+        from scipy.special import digamma
+
+        by_scale = self.prior_shape - self.prior_scale * float(self.weights @ np.exp(-self.log_noise_variance))
+        by_shape = math.log(self.prior_scale) - digamma(self.prior_shape) - self.weights @ self.log_noise_variance
+        locations, variances = self._components
+        by_kappa = 0.5 * self.weights @ np.sum(locations**2 - (1.0 - variances), axis=1)
+        return np.array([self.prior_shape * by_shape + by_scale, by_scale, by_kappa])
+
+    @property
     def noise_variance_mean(self) -> float:
         """Posterior mean of the noise variance; infinite where shape + n_rows / 2 is not above 1."""
         return self._expectation(self.noise_variances, 1)

@@ -195,14 +195,19 @@ def _evidence_maximum(data: RegressionData, prior_type: type[Prior], bounds: np.
     """Prior of maximum evidence within log bounds, and its log evidence."""
     low, width = bounds[:, 0], np.ptp(bounds, axis=1)
 
-    def loss(fraction: np.ndarray) -> float:
+    def loss(fraction: np.ndarray) -> tuple[float, np.ndarray] | float:
         prior = _prior(prior_type, low + width * np.clip(fraction, 0.0, 1.0))
-        return -prior.exact(data).log_evidence - prior.log_hyperprior()
+        posterior, penalty = prior.exact(data), prior.hyperprior_rate * prior.shape
+        if not by_gradient:
+            return penalty - posterior.log_evidence
+        return penalty - posterior.log_evidence, width * ([penalty, 0.0, 0.0] - posterior.evidence_gradient)
 
+    middle = _prior(prior_type, low + 0.5 * width).exact(data)
+    by_gradient = tuple(prior_type.box) == ("shape", "noise_variance", "kappa") and middle.evidence_gradient is not None
     corners = [corner for corner in product((-1, 1), repeat=len(low)) if corner.count(1) % 2 == 0]
     starts = 0.5 + 0.25 * np.array([[0] * len(low), *corners])
-    options = {"eps": 1e-6, "ftol": 1e-13, "maxiter": 200}
-    prior = _prior(prior_type, low + width * _minimise(loss, starts, options))
+    options = {"ftol": 1e-13, "maxiter": 200} | ({} if by_gradient else {"eps": 1e-6})
+    prior = _prior(prior_type, low + width * _minimise(loss, starts, options, by_gradient=by_gradient))
     return prior, prior.exact(data).log_evidence
 
 
@@ -271,12 +276,19 @@ def _surrogate_optimum(surrogate: Any, evaluated: np.ndarray, rng: np.random.Gen
 
 
 def _minimise(
-    loss: Callable[[np.ndarray], float], starts: np.ndarray, options: dict[str, float] | None = None
+    loss: Callable[[np.ndarray], Any],
+    starts: np.ndarray,
+    options: dict[str, float] | None = None,
+    *,
+    by_gradient: bool = False,
 ) -> np.ndarray:
-    """Minimum of a loss in the unit cube by L-BFGS-B from several starts."""
+    """Minimum of a loss in the unit cube by L-BFGS-B from several starts; the loss may come with its gradient."""
     from scipy.optimize import minimize
 
-    results = [minimize(loss, x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * x.size, options=options) for x in starts]
+    bounds = [(0.0, 1.0)] * starts.shape[1]
+    results = [
+        minimize(loss, x, jac=by_gradient or None, method="L-BFGS-B", bounds=bounds, options=options) for x in starts
+    ]
     return np.clip(min(results, key=lambda result: result.fun).x, 0.0, 1.0)
 
 
