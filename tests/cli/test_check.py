@@ -128,7 +128,7 @@ def layouts(text, run):
         "missing": (stamped, None),
         "commas": (text.replace(",", ";").replace(".", ","), {"delimiter": ";"}),
         "model": (si, {"scale": {"froude": 30.0}, "frame": {"reference": "midship", "rudder_positive": "port"}}),
-        "ros": (si, {"frame": {"axes": "enu-flu"}}),
+        "ros": (si, {"frame": {"convention": "enu-flu"}}),
         "chosen": (
             text.replace("RSA [deg]", "helm"),
             {"columns": {"delta": {"column": "helm", "unit": "deg", "sign": -1, "offset": 0.25, "missing": [99, -99]}}},

@@ -97,6 +97,7 @@ _HEADINGS = {  # other names of each channel in files
         "surge speed",
         "longitudinal velocity",
         "longitudinal speed",
+        "linear x",
     ),
     "v": (
         "vm velo",
@@ -106,6 +107,7 @@ _HEADINGS = {  # other names of each channel in files
         "transverse velocity",
         "transverse speed",
         "lateral velocity",
+        "linear y",
     ),
     "r": (
         "turn rate",
@@ -117,8 +119,10 @@ _HEADINGS = {  # other names of each channel in files
         "rot",
         "yaw",
         "heading rate",
+        "angular z",
+        "angular velocity z",
     ),
-    "p": ("roll rate", "rollrate", "roll velocity", "roll"),
+    "p": ("roll rate", "rollrate", "roll velocity", "roll", "angular x", "angular velocity x"),
     "phi": ("roll", "roll angle", "heel", "heel angle", "φ"),
     "psi": (
         "hdt",
@@ -135,8 +139,8 @@ _HEADINGS = {  # other names of each channel in files
         "hdg",
         "ψ",
     ),
-    "x": ("x position mid", "x position", "x pos", "north", "northing"),
-    "y": ("y position mid", "y position", "y pos", "east", "easting"),
+    "x": ("x position mid", "x position", "x pos", "north", "northing", "position x"),
+    "y": ("y position mid", "y position", "y pos", "east", "easting", "position y"),
     "delta": ("rsa", "actual rudder", "delta rudder", "rudder", "rudder angle", "δ"),
     "n": ("n prop", "rpm", "rps", "propeller", "shaft", "revs", "revolutions", "propeller speed", "shaft speed"),
     "thrust": ("propeller thrust",),

@@ -48,6 +48,7 @@ def spelling(unit: str) -> str:
     return re.sub(r"[\s.·^*]", "", plain)
 
 
+PURE_NUMBER = Unit("1", {"1": 1.0, "-": 1.0}, froude=0.0)
 SECOND = Unit(
     "s",
     {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}

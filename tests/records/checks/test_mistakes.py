@@ -121,9 +121,9 @@ def test_a_mirror_image_is_named_beside_the_sign_of_the_rudder(zigzag, container
     mirrored = swapped("x", "y")(scaled("r v", -1.0)(changed(zigzag, psi=0.5 * np.pi - zigzag["psi"].values)))
     checks = checks_by_name(mirrored, container)
     assert {name for name in alarms(checks) if checks[name].verdict == "bad"} == {"rudder sign"}
-    assert 'axes = "enu-flu"' in checks["rudder sign"].sentence
+    assert 'convention = "enu-flu"' in checks["rudder sign"].sentence
     ps.write_trial(mirrored, tmp_path / "trial.csv")
-    read = ps.read_trial(tmp_path / "trial.csv", format={"frame": {"axes": "enu-flu"}})
+    read = ps.read_trial(tmp_path / "trial.csv", format={"frame": {"convention": "enu-flu"}})
     for name in ("x", "y", "psi", "u", "v", "r", "delta"):
         assert np.ptp(read[name].values - zigzag[name].values) < 1e-5 * np.ptp(zigzag[name].values) + 1e-6
 

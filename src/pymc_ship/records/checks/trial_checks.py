@@ -258,7 +258,7 @@ def validated_trial(
         ...
     pymc_ship.machine.errors.TrialError: The trial cannot be fitted: rudder sign: A positive delta turns \
 the ship to starboard, it should turn the ship to port; flip the sign of delta. Or the record is a mirror image \
-(ROS: x east, y north, psi counterclockwise, v to port): for that, state axes = "enu-flu".
+(ROS: x east, y north, psi counterclockwise, v to port): for that, state convention = "enu-flu".
     """
     vessel = as_vessel(vessel)
     return corrected_trial(trial, trial_checks(trial, vessel, lag=lag, any_speed=any_speed), overrule)

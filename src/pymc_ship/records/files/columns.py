@@ -13,7 +13,7 @@ import numpy as np
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.names import did_you_mean
 from pymc_ship.trial.channels import CHANNELS, TIME, Channel, file_columns
-from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, spelling
+from pymc_ship.trial.units import METRE_PER_SECOND, PURE_NUMBER, RADIAN, spelling
 
 _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/s2", "deg/s2", "rad/s2", "g", "volt"))
 """Units of quantities that are not channels of a trial, such as power P or temperature T."""
@@ -21,6 +21,11 @@ _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/
 
 SI_UNIT = "no other stated"
 """What a unit is known by if neither the file nor its format states it."""
+
+ROS = "a heading of ROS"
+"""What a channel is known by whose heading is a field of a ROS message, such as ``pose.pose.position.x``."""
+
+_ROS_FIELD = re.compile(r"(?:^|[ /])(position|orientation|linear|angular|angular velocity)[ /]([xyzw])")
 
 AIS = 4.733  # of the rate of turn, ITU-R M.1371-5, Table 48
 
@@ -78,10 +83,16 @@ GROUND = {
 }
 """Quantities of a satellite receiver, of which channels are made."""
 
+QUATERNION = {
+    f"q{axis}": Channel(f"q{axis}", PURE_NUMBER, f"component {axis} of a quaternion", headings=(f"orientation {axis}",))
+    for axis in "xyzw"
+}
+"""Components of an attitude, of which psi and phi are made."""
+
 
 def quantities() -> dict[str, Channel]:
-    """Time, channels and :data:`GROUND` by name: what a column of a file may be."""
-    return file_columns() | GROUND
+    """Time, channels, :data:`GROUND` and :data:`QUATERNION` by name: what a column of a file may be."""
+    return file_columns() | GROUND | QUATERNION
 
 
 def is_unit(text: str) -> bool:
@@ -91,7 +102,9 @@ def is_unit(text: str) -> bool:
 
 
 def _channels_named(heading: str) -> list[Channel]:
-    """Channels that a lower-case heading without unit may name."""
+    """Channels that a lower-case heading without unit may name; of a field of ROS, the end counts."""
+    if field := _ROS_FIELD.search(heading):
+        heading = f"{field[1]} {field[2]}" if field.end() == len(heading) else heading
     return [one for one in quantities().values() if heading == plain_name(one.name) or heading in one.headings]
 
 
@@ -239,6 +252,8 @@ def _column_of_heading(
 
 def _named_by(channel: Channel, name: str) -> str:
     """What a channel is known by in a file with this plain heading."""
+    if _ROS_FIELD.search(name):
+        return ROS
     return "its name" if name == plain_name(channel.name) else "a usual heading"
 
 
@@ -260,13 +275,14 @@ def _without_unit(
     unit = unstated.get(channel.name, channel.unit.name)
     factor, heading_name = channel.unit.factor(unit), _name_and_unit(heading)[0]
     by_name = channel is TIME or (heading_name == plain_name(channel.name) and channel.name not in GROUND)
-    if factor is None or not (by_name or channel.name in unstated):
+    named_by = _named_by(channel, heading_name)
+    if factor is None or not (by_name or named_by == ROS or channel.name in unstated):
         raise _UnstatedUnitError(
             f"{where}, column {heading!r}: its unit is not stated; state it, such as {_with_unit(heading)}."
         )
     known: dict[str, Any] = {
-        "named_by": _named_by(channel, heading_name),
-        "unit_by": "the format file" if channel.name in unstated else SI_UNIT,
+        "named_by": named_by,
+        "unit_by": "the format file" if channel.name in unstated else ROS if named_by == ROS else SI_UNIT,
     }
     return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor, **known)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
-from pymc_ship.records.files.columns import CODES, quantities
+from pymc_ship.records.files.columns import CODES, QUATERNION, quantities
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import OVER_GROUND
 
@@ -22,10 +22,29 @@ _FARTHEST = 1e5  # m, where the plane is off by 4 m
 
 DELIMITERS = (",", ";", "\t", " ")  # the space stands for any white space
 
-_OWN_AXES = ("", "ned-frd")  # of the package
+_CONVENTIONS: Mapping[str, Mapping[str, str]] = {
+    "ned": {},
+    "enu-flu": {},
+    "nwu-flu": {},
+    "nmea": {"heading": "compass", "rudder_positive": "starboard"},
+    "mmg": {"rudder_positive": "starboard", "forces": "Ld"},
+}
+"""Other keys of the frame that a convention states; the axes are north-east-down but for those of ROS."""
+
+_Z_UP = ("enu-flu", "nwu-flu")  # conventions of ROS
+
+_NMEA_UNITS = {
+    "psi": "deg",
+    "r": "deg/min",
+    "delta": "deg",
+    "u": "kn",
+    "v": "kn",
+    "sog": "kn",
+    "n": "rpm",
+} | dict.fromkeys(("cog", "latitude", "longitude"), "deg")
 
 _FRAME = {
-    "axes": ("ned-frd", "enu-flu", "nwu-flu"),
+    "convention": tuple(_CONVENTIONS),
     "velocities": ("body", "earth"),
     "heading": ("clockwise", "counterclockwise", "compass"),
     "rudder_positive": ("auto", "port", "starboard"),
@@ -39,14 +58,14 @@ _FRAME = {
 class TrialFormat:
     """Format of a trial file; the default has the units and signs of the package.
 
-    The fields are the keys of docs/reference/format_toml.md: ``columns`` by channel; ``axes``, north-east-down and
-    forward-right-down or those of ROS, empty where not stated; ``reference``, the point of u and
-    v forward of the origin [m]; ``forces``, the area L^2 or L d of prime captive forces; ``froude``, the length of the
-    ship over that of the model; ``delimiter``, by default that of the header; ``facility``, empty for a single one.
+    The fields are the keys of docs/reference/format_toml.md: ``columns`` by channel; ``convention`` of axes, sides and
+    units, empty where not stated; ``reference``, the point of u and v forward of the origin [m]; ``forces``, the area
+    L^2 or L d of prime captive forces; ``froude``, the length of the ship over that of the model; ``delimiter``, by
+    default that of the header; ``facility``, empty for a single one.
     """
 
     columns: dict[str, dict[str, Any]] = field(default_factory=dict)
-    axes: str = ""
+    convention: str = ""
     velocities: str = "body"
     reference: float = 0.0
     heading: str = "clockwise"
@@ -62,6 +81,8 @@ class TrialFormat:
     @property
     def unstated_units(self) -> dict[str, str]:
         """Default units of channels that are not the SI unit."""
+        if self.convention == "nmea":
+            return _NMEA_UNITS
         return {"psi": "deg"} if self.heading == "compass" else {}
 
 
@@ -81,12 +102,15 @@ def _format(file: Entry) -> TrialFormat:
     froude, reference = scale.at("froude", 1.0), frame.at("reference", 0.0)
     if froude.number() <= 0.0:
         froude.fail(f"must be positive, found {froude.value:g}; correct it.")
-    axes = frame.at("axes", "").value
-    if axes not in _OWN_AXES and frame.at("heading", "clockwise").value != "clockwise":
-        frame.at("heading").fail(f"must not be given beside axes = {axes!r}, which has its own; leave one of them out.")
+    convention = frame.at("convention").choice(tuple(_CONVENTIONS)) if "convention" in frame else ""
+    if convention in _Z_UP and frame.at("heading", "clockwise").value != "clockwise":
+        frame.at("heading").fail(
+            f"must not be given beside convention = {convention!r}, which has its own; leave one of them out."
+        )
+    settings = {key: frame.at(key).choice(known) for key, known in _FRAME.items() if key in frame}
     return TrialFormat(
         columns={channel: _column(columns.at(channel), channel) for channel in columns},
-        **{key: frame.at(key).choice(known) for key, known in _FRAME.items() if key in frame},
+        **({**_CONVENTIONS[convention], **settings} if convention else settings),
         reference=0.0 if reference.value in ("origin", "midship") else reference.number(),
         froude=froude.number(),
         delimiter=file.at("delimiter").choice(DELIMITERS) if "delimiter" in file else None,
@@ -120,7 +144,7 @@ def _column(entry: Entry, channel: str) -> dict[str, Any]:
 def format_text(layout: TrialFormat, remark: str) -> str:
     """Text of a format file, with a comment in its first line."""
     top = {"delimiter": layout.delimiter, "skip_rows": layout.skip_rows, "facility": layout.facility}
-    frame = {key: getattr(layout, key) for key in ("axes", "reference", *_FRAME) if key != "forces"}
+    frame = {key: getattr(layout, key) for key in ("convention", "reference", *_FRAME) if key != "forces"}
     lines = [f"# {remark}", *(f"{key} = {_toml(value)}" for key, value in top.items() if value)]
     for name, table in (("columns", layout.columns), ("frame", frame), ("scale", {"froude": layout.froude})):
         lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items() if value != "")]
@@ -136,7 +160,9 @@ def _toml(value: Any) -> str:
 
 def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:
     """Channels in axes with z down, psi clockwise and continuous; sentences on the changes."""
+    channels, attitude_notes = _with_attitude(channels)
     signed, notes = _north_east_down(channels, layout)
+    notes = attitude_notes + notes
     if layout.heading == "counterclockwise" and "psi" in signed:
         signed["psi"] = -signed["psi"]
         notes.append("psi changed in sign: the file counts it counterclockwise.")
@@ -146,15 +172,30 @@ def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[di
     return signed, notes
 
 
+def _with_attitude(channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Channels with psi, and phi if the ship rolls, of a quaternion; a sentence."""
+    others = {name: values for name, values in channels.items() if name not in QUATERNION}
+    if not channels.keys() >= QUATERNION.keys():
+        return others, []
+    x, y, z, w = (channels[name] for name in QUATERNION)
+    angles = {
+        "psi": np.arctan2(2.0 * (w * z + x * y), w**2 + x**2 - y**2 - z**2),
+        "phi": np.arctan2(2.0 * (w * x + y * z), w**2 - x**2 - y**2 + z**2),
+    }
+    if not np.nan_to_num(angles["phi"]).any():
+        del angles["phi"]
+    return angles | others, [f"{', '.join(angles)} from the quaternion."]
+
+
 def _north_east_down(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:
     """Channels in axes with z down, from those with z up, x east or north and v to port; a sentence."""
     turned = dict(channels)
-    if layout.axes in _OWN_AXES:
+    if layout.convention not in _Z_UP:
         return turned, []
     for name in ("y", "psi", "v", "r"):
         if name in turned:
             turned[name] = -turned[name]
-    if layout.axes == "enu-flu":
+    if layout.convention == "enu-flu":
         for first, second in (("x", "y"), ("u", "v"))[: 2 if layout.velocities == "earth" else 1]:
             east, minus_north = turned.pop(first, None), turned.pop(second, None)
             if east is not None:
@@ -163,7 +204,7 @@ def _north_east_down(channels: dict[str, np.ndarray], layout: TrialFormat) -> tu
                 turned[first] = -minus_north
         if "psi" in turned:
             turned["psi"] = turned["psi"] + 0.5 * np.pi
-    return turned, [f"Axes turned from {layout.axes} to ned-frd: x north, y east, psi clockwise, v to starboard."]
+    return turned, [f"Axes turned from {layout.convention} to ned: x north, y east, psi clockwise, v to starboard."]
 
 
 def _without_jumps(psi: np.ndarray) -> tuple[np.ndarray, int]:

@@ -16,7 +16,7 @@ import xarray as xr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
-from pymc_ship.records.files.columns import Column, is_unit, matched_columns
+from pymc_ship.records.files.columns import ROS, Column, is_unit, matched_columns
 from pymc_ship.records.files.format import (
     TrialFormat,
     at_origin,
@@ -94,6 +94,9 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     stated = layout
     table = _with_nanoseconds(text_table(path, layout))
     columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)
+    if not layout.convention and any(column.named_by == ROS for column in columns.values()):
+        layout = stated = replace(layout, convention="enu-flu")
+        notes.append('Axes of ROS: x east, y north, v to port; for others, state the convention, such as "ned".')
     clock, stamps = columns["time"], _stamps(table, columns["time"])
     numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
     cells, cell_notes = table_cells(table, numeric, path)

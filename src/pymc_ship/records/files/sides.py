@@ -27,7 +27,7 @@ _FEWEST_SAMPLES = 20
 _STILL = np.deg2rad(0.5)  # smallest movement of a rudder
 
 MIRROR_IMAGE = (
-    'a mirror image (ROS: x east, y north, psi counterclockwise, v to port): for that, state axes = "enu-flu"'
+    'a mirror image (ROS: x east, y north, psi counterclockwise, v to port): for that, state convention = "enu-flu"'
 )
 
 _OF_THE_EARTH = ("north", "northing", "east", "easting")  # headings of x and y
@@ -147,7 +147,7 @@ def check_one_side(trials: Mapping[str, xr.Dataset]) -> None:
 
 def shows_axes(columns: Mapping[str, Column], layout: TrialFormat) -> bool:
     """Whether the format or the headings show to which side heading and rate of turn are positive."""
-    if layout.axes or layout.heading != "clockwise":
+    if layout.convention or layout.heading != "clockwise":
         return True
     names = {channel: plain_name(column.heading.split("[")[0]) for channel, column in columns.items()}
     if names.get("psi") in _OF_THE_COMPASS or names.get("r") in _OF_THE_BRIDGE:
@@ -162,5 +162,5 @@ def mirror_remarks(trials: Mapping[str, xr.Dataset]) -> list[str]:
     if not runs:
         return []
     which = f"Run {runs[0]} does" if len(runs) == 1 else f"Runs {', '.join(runs)} do"
-    sides = 'port and starboard are those of axes = "ned-frd"'
+    sides = 'port and starboard are those of convention = "ned"'
     return [f"{which} not show the axes of the file: {sides}, or the record is {MIRROR_IMAGE}."]
