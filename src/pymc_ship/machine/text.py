@@ -33,6 +33,8 @@ class TextError(ValueError):
 def file_text(path: str | Path) -> str:
     """UTF-8 text of a file, plain or gzip; TextError for any other file, or for more than :data:`MOST_BYTES`."""
     path = Path(path)
+    if "\0" in str(path):
+        raise TextError("its name has a zero byte; check the path")
     try:
         kind = SPECIAL_FILES.get(stat.S_IFMT(path.stat().st_mode))
         if kind:

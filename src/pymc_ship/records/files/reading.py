@@ -27,7 +27,7 @@ from pymc_ship.records.files.format import (
     with_true_wind,
 )
 from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
-from pymc_ship.records.files.tables import binary_columns, cell_texts, nmea_columns
+from pymc_ship.records.files.tables import binary_columns, cell_texts, check_size, nmea_columns
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, rudder_line
@@ -35,6 +35,7 @@ from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, rudder_line
 _COMMENTS = ("#", "%")
 _FEWEST_LINES, _MOST_TITLES = 4, 50  # lines of a table that have titles before the header, and the most of these
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
+_LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
 _SIDES = ("port", "starboard")
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
@@ -170,7 +171,9 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     if columns := binary_columns(path):
         texts = {name: cell_texts(values) for name, (values, _) in columns.items()}
         return _table_of_columns(texts, {name: unit for name, (_, unit) in columns.items()}, [])
-    lines = re.split(r"\r\n|\n|\r", _text(path))
+    text = _text(path)
+    check_size(path, [max(map(text.count, "\n\r"))])
+    lines = re.split(r"\r\n|\n|\r", text)
     if log := nmea_columns(lines, path):
         return _table_of_columns(*log, rudder_positive="starboard")
     skipped = layout.skip_rows
@@ -190,6 +193,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     delimiter = layout.delimiter or _delimiter(content[0][1])
     rows = [(number, _cells_of_line(line, delimiter)) for number, line in content[1:]]
     headings = _headings(content[0][1], delimiter, len(rows[0][1]))
+    check_size(path, [len(rows)] * len(headings))
     units = [""] * len(headings)
     if _is_unit_row(rows[0][1]):
         units = [cell.strip(" []{}()-") for cell in rows.pop(0)[1]]
@@ -208,9 +212,8 @@ def _table_of_columns(
     """Table of cells by heading."""
     rows = [list(row) for row in zip(*columns.values(), strict=True)]
     stated = [units.get(name, "") for name in columns]
-    at = list(range(1, len(rows) + 1))
-    side = rudder_positive
-    return TextTable([*columns], stated, rows, lines=at, notes=notes, rudder_positive=side, shows_axes=bool(side))
+    headings, at, side = [*map(_heading, columns)], list(range(1, len(rows) + 1)), rudder_positive
+    return TextTable(headings, stated, rows, lines=at, notes=notes, rudder_positive=side, shows_axes=bool(side))
 
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:
@@ -237,7 +240,7 @@ def _titles(content: list[tuple[int, str]], delimiter: str) -> int:
 
 
 def _delimiter(header: str) -> str:
-    plain = re.sub(r"\[[^\]]*\]|\([^)]*\)", "", header)
+    plain = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", "", header)
     return next((delimiter for delimiter in (";", "\t", ",") if delimiter in plain), " ")
 
 
@@ -255,13 +258,18 @@ def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
     if delimiter != " ":
         headings = [heading.strip() for heading in _cells_of_line(line, delimiter)]
     else:
-        joined = re.sub(r"\s+([\[(])", r"\1", line.strip())
+        joined = re.sub(r"(?<!\s)\s+([\[(])", r"\1", line.strip())
         headings = joined.split()
         if len(headings) != n_cells:
             headings = re.split(r"\s{2,}|\t", joined)
     while headings and not headings[-1]:
         headings.pop()
-    return ["".join(letter if letter.isprintable() else "?" for letter in heading) for heading in headings]
+    return [*map(_heading, headings)]
+
+
+def _heading(text: str) -> str:
+    """First letters of a heading, those that are not printed replaced."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:_LONGEST_HEADING])
 
 
 def _is_unit_row(cells: list[str]) -> bool:
@@ -306,7 +314,7 @@ def _with_nanoseconds(table: TextTable) -> TextTable:
 
 def _stamps(table: TextTable, column: Column) -> list[str]:
     """Stamps if most of them are text, empty where missing; no item if most are numbers."""
-    stamps = [row[column.index].strip() for row in table.rows]
+    stamps = [row[column.index].strip()[:_LONGEST_STAMP] for row in table.rows]
     stamps = ["" if stamp.lower() in _MISSING else stamp for stamp in stamps]
     texts = sum(not _is_number(stamp) for stamp in stamps if stamp)
     return stamps if texts > 0.5 * sum(map(bool, stamps)) else []
@@ -326,7 +334,7 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
             position = values.index(None)
             raise TrialError(
                 f"{path}, line {table.lines[position]}, column {columns[name].heading}: a number is needed, found "
-                f"{cells[position]!r}; correct or empty the cell."
+                f"{cells[position][:_LONGEST_STAMP]!r}; correct or empty the cell."
             )
         numbers[name] = np.array(values)
         numbers[name][~(np.abs(numbers[name]) < _LARGEST)] = np.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import re
 import subprocess
@@ -20,17 +21,26 @@ from pymc_ship.machine.text import MOST_BYTES
 
 _CHILD = """
 import pickle, sys
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_DATA, 2 * (int(sys.argv[2]),))
+except (ImportError, OSError, ValueError):  # on Windows the time alone is limited
+    pass
 from scipy.io import loadmat
 pickle.dump(loadmat(sys.argv[1], simplify_cells=True), sys.stdout.buffer)
 """
-_LONGEST = 120.0  # s
+_LONGEST = 60.0  # s
+_MOST_UNPACKED = 4 * MOST_BYTES
+_LONGEST_CELL = 60  # letters
+_SHEET_ROWS = 2**20  # of a worksheet
+_MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 5_000_000, 1000, 24_000_000  # of a trial, read in 2 GB
 
 Columns = dict[str, tuple[Any, str]]  # values and unit by heading
 
 
 def binary_columns(path: Path) -> Columns | None:
     """Values, of one length, and unit of each column; None for a text file, TrialError for a damaged file."""
-    if not path.is_file():
+    if not os.path.isfile(path):  # False for a path that no file can have
         return None
     try:
         with path.open("rb") as file:
@@ -49,51 +59,77 @@ def binary_columns(path: Path) -> Columns | None:
     except ImportError as error:
         raise TrialError(f"{path}: {kind} needs {error.name}, found none; pip install 'pymc-ship[formats]'.") from None
     except Exception as error:  # libraries raise any class for damaged files
-        reason = (str(error).splitlines() or [""])[0][:100] or type(error).__name__
+        words = "".join(letter for letter in (str(error).splitlines() or [""])[0] if letter.isprintable())
+        reason = words[:100] or type(error).__name__
         raise TrialError(f"{path} cannot be read as {kind}: {reason}; write it anew, or as CSV.") from None
     columns = {name: (np.asarray(values), unit) for name, (values, unit) in columns.items()}
     lengths = [values.size for values, _ in columns.values() if values.ndim == 1]
     rows = max(set(lengths), key=lambda size: size * lengths.count(size), default=0)
     columns = {name: column for name, column in columns.items() if column[0].shape == (rows,)}
+    check_size(path, [rows] * len(columns))
     if rows < 2 or len(columns) < 2:
         raise TrialError(f"{path}: a trial has two columns and two rows at least, found none in this {kind}; check it.")
     return columns
+
+
+def check_size(path: Path, lengths: Sequence[int]) -> None:
+    """Raise TrialError if columns of these lengths are more than a trial has."""
+    rows, columns, cells = max(lengths, default=0), len(lengths), sum(lengths)
+    if rows > _MOST_ROWS or columns > _MOST_COLUMNS or cells > _MOST_CELLS:
+        raise TrialError(
+            f"{path}: a trial has at most {_MOST_ROWS / 1e6:g} million rows, {_MOST_COLUMNS} columns and "
+            f"{_MOST_CELLS / 1e6:g} million cells, found {rows} rows and {columns} columns; split it, or thin it."
+        )
 
 
 def cell_texts(values: np.ndarray) -> list[str]:
     """Cells as a text file has them, empty where missing."""
     if values.dtype.kind == "M":
         return ["" if text == "NaT" else text for text in np.datetime_as_string(values).tolist()]
-    return ["" if value is None or value != value else str(value) for value in values.tolist()]
+    return ["" if value is None or value != value else str(value)[:_LONGEST_CELL] for value in values.tolist()]
 
 
 def _parquet(path: Path) -> Columns:
-    import pyarrow.parquet as parquet
+    from pyarrow import parquet, types
 
-    file = parquet.ParquetFile(path)
-    groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
-    _check_size(
-        path, max(8 * file.metadata.num_rows * len(file.schema_arrow), sum(one.total_byte_size for one in groups))
-    )
-    table = file.read()
-    return {name: (table[name].to_numpy(), "") for name in table.column_names}
+    schema = parquet.read_schema(path)
+    texts = [field.name for field in schema if types.is_string(field.type) or types.is_large_string(field.type)]
+    names = [field.name for field in schema if not types.is_nested(field.type)]
+    with parquet.ParquetFile(path, read_dictionary=texts) as file:
+        groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
+        _check_unpacked(path, sum(one.total_byte_size for one in groups))
+        check_size(path, [file.metadata.num_rows] * len(names))
+        table = file.read(names)
+    return {name: (_arrow_values(table[name]), "") for name in table.column_names}
+
+
+def _arrow_values(column: Any) -> np.ndarray:
+    """Values of a column; equal texts of a dictionary are one object."""
+    is_dictionary = str(column.type).startswith("dictionary")
+    return column.to_pandas().astype(object).to_numpy() if is_dictionary else column.to_numpy()
 
 
 def _xlsx(path: Path) -> Columns:
     from openpyxl import load_workbook
 
     with zipfile.ZipFile(path) as archive:
-        _check_size(path, sum(member.file_size for member in archive.infolist()))
+        _check_unpacked(path, sum(member.file_size for member in archive.infolist()))
         for member in archive.infolist():
             with archive.open(member) as part:
                 if b"<!DOCTYPE" in part.read(4096):
                     raise TrialError(f"{path}: a workbook has no DTD, found one in {member.filename}; save it anew.")
-    with closing(load_workbook(path, read_only=True, data_only=True)) as book:
+    rows, cells_read = [], 0
+    with path.open("rb") as file, closing(load_workbook(file, read_only=True, data_only=True)) as book:
         sheet = book.worksheets[0]
         sheet.reset_dimensions()
-        rows = [row for row in sheet.iter_rows(values_only=True) if any(cell is not None for cell in row)]
+        for row in sheet.iter_rows(max_row=_SHEET_ROWS, values_only=True):
+            cells_read += len(row)
+            _check_unpacked(path, 24 * cells_read)
+            if any(cell is not None for cell in row):
+                rows.append(row)
     begin = next((k for k, row in enumerate(rows) if sum(isinstance(cell, str) for cell in row) > 1), 0)
     header, *cells = rows[begin:]
+    check_size(path, [len(cells)] * len(header))
     columns = np.full((len(header), len(cells)), None, dtype=object)
     for k, row in enumerate(cells):
         columns[: len(row), k] = row[: len(header)]
@@ -102,39 +138,57 @@ def _xlsx(path: Path) -> Columns:
 
 def _netcdf(path: Path) -> Columns:
     import xarray as xr
+    from netCDF4 import Dataset
 
-    with xr.open_dataset(path, engine="netcdf4", decode_timedelta=False) as data:
-        _check_size(path, data.nbytes)
+    with Dataset(path) as file:
+        check_size(path, [one.size for one in file.variables.values() if one.ndim == 1])
+    clock = xr.coders.CFDatetimeCoder(use_cftime=False)
+    with xr.open_dataset(path, engine="netcdf4", decode_times=clock, decode_timedelta=False) as data:
         series = {str(name): one for name, one in data.variables.items() if one.ndim == 1}
+        _check_unpacked(path, sum(one.nbytes for one in series.values()))
         return {name: (one.values, str(one.attrs.get("units", ""))) for name, one in series.items()}
 
 
 def _matlab(path: Path) -> Columns:
     """In a process of its own, since the reader of SciPy ends its process at some damaged files."""
     try:
-        child = subprocess.run([sys.executable, "-c", _CHILD, path], capture_output=True, timeout=_LONGEST, check=True)
+        child = subprocess.run(
+            [sys.executable, "-c", _CHILD, path, str(2 * _MOST_UNPACKED)],
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+            capture_output=True,
+            timeout=_LONGEST,
+            check=True,
+        )
     except subprocess.SubprocessError:
-        raise TrialError(f"{path} cannot be read as MAT: its structure is damaged; write it anew, or as CSV.") from None
+        raise TrialError(
+            f"{path} cannot be read as MAT: its structure is damaged, or takes more than 1 GB; write it anew, or "
+            "as CSV."
+        ) from None
     return dict(_series(pickle.loads(child.stdout)))
 
 
 def _matlab_73(path: Path) -> Columns:
+    """Vectors of each group; links to other files are not followed."""
     import h5py
 
-    def numbers(group: Any) -> Mapping[str, Any]:
-        names = [name for name in group if not name.startswith("#")]
-        parts = {name: group[name] for name in names}
-        return {
-            name: numbers(one) if isinstance(one, h5py.Group) else _values(one, path) for name, one in parts.items()
-        }
+    vectors: dict[str, Any] = {}
 
+    def collect(name: str, one: Any) -> None:
+        is_vector = isinstance(one, h5py.Dataset) and one.size == max(one.shape or (), default=0)
+        if is_vector and one.dtype.kind in "biuf" and not name.startswith("#"):
+            vectors[name] = one
+
+    table: dict[str, Any] = {}
     with h5py.File(path) as file:
-        return dict(_series(numbers(file)))
-
-
-def _values(data: Any, path: Path) -> np.ndarray:
-    _check_size(path, data.nbytes)
-    return np.squeeze(data[()])
+        file.visititems(collect)
+        check_size(path, [one.size for one in vectors.values()])
+        for name, one in vectors.items():
+            *groups, last = name.split("/")
+            parent = table
+            for group in groups:
+                parent = parent.setdefault(group, {})
+            parent[last] = np.reshape(one[()], -1)
+    return dict(_series(table))
 
 
 def _series(table: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, str]]]:
@@ -153,9 +207,9 @@ def _series(table: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, str]]]:
             yield name, (value, "")
 
 
-def _check_size(path: Path, size: int) -> None:
-    if size > 4 * MOST_BYTES:
-        raise TrialError(f"{path}: a trial has at most {4 * MOST_BYTES / 1e6:.0f} MB unpacked, found more; split it.")
+def _check_unpacked(path: Path, size: int) -> None:
+    if size > _MOST_UNPACKED:
+        raise TrialError(f"{path}: a trial has at most {_MOST_UNPACKED / 1e6:.0f} MB unpacked, found more; split it.")
 
 
 _KINDS = {
@@ -177,7 +231,8 @@ _READERS: Mapping[str, Callable[[Path], Columns]] = {
 }
 
 
-_SENTENCE = re.compile(r"^(.*?)[ ,;\t]*([$!][A-Z]{2}[A-Z]{3},.*)$")
+_BEFORE = " ,;\t"  # between the stamp of a logger and a sentence
+_SENTENCE = re.compile(r"[$!][A-Z]{5},")
 _NMEA = {  # unit, and type and fields of the sentences of each quantity, the first choice first
     "psi": ("deg", (("HDT", "heading"),)),
     "r": ("deg/min", (("ROT", "rate_of_turn"),)),
@@ -201,7 +256,7 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
     The time is the stamp of the logger before each sentence, or the last UTC in the log. A sensor has one column.
     """
     first = [line for line in lines[:200] if line.strip()][:50]
-    if sum(bool(_SENTENCE.match(line)) for line in first) <= _SHORTEST_LOG * len(first):
+    if sum(bool(_SENTENCE.search(line)) for line in first) <= _SHORTEST_LOG * len(first):
         return None
     try:
         import pynmea2
@@ -209,9 +264,10 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
         raise TrialError(f"{path}: NMEA 0183 needs pynmea2, found none; pip install 'pymc-ship[formats]'.") from None
     readings, damaged, utc = [], 0, ""
     for line in lines:
-        matched = _SENTENCE.match(line)
+        matched = _SENTENCE.search(line)
+        begin = matched.start() if matched else 0
         try:
-            message = pynmea2.parse(matched[2].strip(), check=True) if matched else None
+            message = pynmea2.parse(line[begin:].strip(), check=True) if matched else None
         except pynmea2.SentenceTypeError:
             continue
         except (pynmea2.ParseError, ValueError, TypeError):
@@ -221,7 +277,7 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
             continue
         with suppress(AttributeError, ValueError, TypeError):
             utc = f"{message.timestamp:%H:%M:%S.%f}" if message.timestamp else utc
-        readings.append((matched[1].strip() if matched else "", utc, message))
+        readings.append((line[:begin].strip(_BEFORE), utc, message))
     logger = sum(bool(stamp) for stamp, _, _ in readings) > 0.5 * len(readings)
     sources, notes = _sensors([message for _, _, message in readings])
     rows: list[dict[str, str]] = []
