@@ -19,17 +19,8 @@ import numpy as np
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import MOST_BYTES
 
-_CHILD = """
-import pickle, sys
-try:
-    import resource
-    resource.setrlimit(resource.RLIMIT_DATA, 2 * (int(sys.argv[2]),))
-except (ImportError, OSError, ValueError):  # on Windows the time alone is limited
-    pass
-from scipy.io import loadmat
-pickle.dump(loadmat(sys.argv[1], simplify_cells=True), sys.stdout.buffer)
-"""
-_LONGEST = 60.0  # s
+_CHILD = "import sys; from pymc_ship.records.files.tables import send_columns; send_columns(*sys.argv[1:])"
+_LONGEST = 30.0  # s
 _MOST_UNPACKED = 4 * MOST_BYTES
 _LONGEST_CELL = 60  # letters
 _SHEET_ROWS = 2**20  # of a worksheet
@@ -53,7 +44,7 @@ def binary_columns(path: Path) -> Columns | None:
     if path.stat().st_size > MOST_BYTES:
         raise TrialError(f"{path}: a trial has at most {MOST_BYTES / 1e6:.0f} MB, found more; split it.")
     try:
-        columns = _READERS[kind](path)
+        columns = _columns_by_process(kind, path) if kind in _IN_C else _READERS[kind](path)
     except TrialError:
         raise
     except ImportError as error:
@@ -150,21 +141,9 @@ def _netcdf(path: Path) -> Columns:
 
 
 def _matlab(path: Path) -> Columns:
-    """In a process of its own, since the reader of SciPy ends its process at some damaged files."""
-    try:
-        child = subprocess.run(
-            [sys.executable, "-c", _CHILD, path, str(2 * _MOST_UNPACKED)],
-            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-            capture_output=True,
-            timeout=_LONGEST,
-            check=True,
-        )
-    except subprocess.SubprocessError:
-        raise TrialError(
-            f"{path} cannot be read as MAT: its structure is damaged, or takes more than 1 GB; write it anew, or "
-            "as CSV."
-        ) from None
-    return dict(_series(pickle.loads(child.stdout)))
+    from scipy.io import loadmat
+
+    return dict(_series(loadmat(path, simplify_cells=True)))
 
 
 def _matlab_73(path: Path) -> Columns:
@@ -189,6 +168,42 @@ def _matlab_73(path: Path) -> Columns:
                 parent = parent.setdefault(group, {})
             parent[last] = np.reshape(one[()], -1)
     return dict(_series(table))
+
+
+def _columns_by_process(kind: str, path: Path) -> Columns:
+    """Read a file in a process of its own: at damaged files these libraries can end their process, or never return."""
+    try:
+        child = subprocess.run(
+            [sys.executable, "-c", _CHILD, kind, path],
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+            capture_output=True,
+            timeout=_LONGEST,
+            check=True,
+        )
+    except subprocess.SubprocessError:
+        raise TrialError(
+            f"{path} cannot be read as {kind}: its structure is damaged, or takes more than 1 GB; write it anew, or "
+            "as CSV."
+        ) from None
+    columns = pickle.loads(child.stdout)
+    if isinstance(columns, Exception):
+        raise columns
+    return columns
+
+
+def send_columns(kind: str, path: str) -> None:
+    """Write the pickled columns of a file, or the error of their reader, to the standard output."""
+    with suppress(ImportError, OSError, ValueError):  # on Windows the time alone is limited
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, 2 * (2 * _MOST_UNPACKED,))
+        resource.setrlimit(resource.RLIMIT_CPU, 2 * (round(_LONGEST),))  # also where the reading process is killed
+    columns: Columns | Exception
+    try:
+        columns = _READERS[kind](Path(path))
+    except Exception as error:
+        columns = error
+    pickle.dump(columns, sys.stdout.buffer)
 
 
 def _series(table: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, str]]]:
@@ -229,6 +244,7 @@ _READERS: Mapping[str, Callable[[Path], Columns]] = {
     "MAT": _matlab,
     "MAT 7.3": _matlab_73,
 }
+_IN_C = ("NetCDF", "MAT", "MAT 7.3")  # kinds that a process of its own reads
 
 
 _BEFORE = " ,;\t"  # between the stamp of a logger and a sentence
