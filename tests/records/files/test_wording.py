@@ -72,6 +72,10 @@ test_trial_errors = wording(
         r"cannot be read as MAT: its structure is damaged",
         lambda read: read(b"MATLAB 5.0 MAT-file" + bytes(90), "a.mat"),
     ),
+    (
+        r"run.mcap: a bag of ROS 2 has a file metadata.yaml in its folder, found none; copy the folder\.$",
+        lambda read: read(b"\x89MCAP0\r\n" + bytes(40), "run.mcap"),
+    ),
     (r"cannot be read as xlsx: File is not a zip file", lambda read: read(b"PK\x03\x04" + bytes(40), "run.xlsx")),
     (r"a latitude is within 90 deg", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,95,2\n2,1,2\n")),
     (r"lies within 100 km, found positions 1", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,2,2\n2,1,2\n")),

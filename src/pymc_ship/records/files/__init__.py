@@ -6,7 +6,7 @@
 - `clock`: stamps of any usual clock as seconds.
 - `interpolation`: channels of different sensors on one time base.
 - `time_base`: uniform time from the stamps of a logger.
-- `tables`: Parquet, xlsx, NetCDF and MAT files, logs of NMEA 0183, as tables.
+- `tables`: Parquet, xlsx, NetCDF and MAT files, bags of ROS and logs of NMEA 0183 as tables.
 - `ship_scale`: length and speed of the ship in a record, block means, least squares.
 - `sides`: the side that a positive rudder turns to, from the record, and the axes of a file.
 - `noise`: noise of given kinds added to a clean record.

@@ -41,7 +41,7 @@ _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inve
 
 
 def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a trial from a file: text, NMEA 0183, Parquet, xlsx, NetCDF or MAT.
+    """Read a trial from a file: text, NMEA 0183, Parquet, xlsx, NetCDF, MAT or a bag of ROS.
 
     Columns are recognised by their headings: names of channels, in SI units unless stated (``u``, ``psi [deg]``,
     ``n_rpm``), or words such as ``Heading (deg)``. Uneven time and short gaps are interpolated, and reported.

@@ -1,4 +1,4 @@
-"""Parquet, xlsx, NetCDF and MAT files and logs of NMEA 0183 as tables; each library is imported when it is needed."""
+"""Parquet, xlsx, NetCDF and MAT files, bags of ROS and logs of NMEA 0183 as tables; libraries are imported on use."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ _CHILD = "import sys; from pymc_ship.records.files.tables import send_columns; s
 _LONGEST = 30.0  # s
 _MOST_UNPACKED = 4 * MOST_BYTES
 _LONGEST_CELL = 60  # letters
+_SAME_CLOCK = 1_000_000_000  # ns between the stamp of a message and its recording, at most
 _SHEET_ROWS = 2**20  # of a worksheet
 _MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 5_000_000, 1000, 24_000_000  # of a trial, read in 2 GB
 
@@ -170,6 +172,45 @@ def _matlab_73(path: Path) -> Columns:
     return dict(_series(table))
 
 
+def _bag(path: Path) -> Columns:
+    """A row for each time: that of a message's header or, if that is of another clock, of its recording."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    if path.suffix != ".bag" and not (path.parent / "metadata.yaml").is_file():
+        raise TrialError(f"{path}: a bag of ROS 2 has a file metadata.yaml in its folder, found none; copy the folder.")
+    rows: dict[int, dict[str, float]] = {}  # by time [ns]
+    store = get_typestore(Stores.LATEST)  # for bags without definitions of their messages
+    with AnyReader([path if path.suffix == ".bag" else path.parent], default_typestore=store) as bag:
+        without_numbers = set()
+        for connection, time, raw in bag.messages():
+            if connection.id in without_numbers:
+                continue
+            message = bag.deserialize(raw, connection.msgtype)
+            numbers = dict(_numbers_of(message, connection.topic))
+            if not numbers:
+                without_numbers.add(connection.id)
+                continue
+            if header := getattr(message, "header", None):
+                stamp = 1_000_000_000 * header.stamp.sec + header.stamp.nanosec
+                time = stamp if abs(stamp - time) < _SAME_CLOCK else time
+            rows.setdefault(time, {}).update(numbers)
+            check_size(path, [len(rows)])
+    names, times = list(dict.fromkeys(name for row in rows.values() for name in row)), sorted(rows)
+    check_size(path, [len(rows)] * len(names))
+    columns = {name: (np.array([rows[time].get(name, np.nan) for time in times]), "") for name in names}
+    return {"time": (1e-9 * (np.array(times) - times[0]), "s"), **columns} if times else {}
+
+
+def _numbers_of(message: Any, name: str) -> Iterator[tuple[str, float]]:
+    """Numbers of a message, but for its header, by topic and field."""
+    for part, value in vars(message).items():
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            yield f"{name}.{part}", float(value)
+        elif is_dataclass(value) and part != "header":
+            yield from _numbers_of(value, f"{name}.{part}")
+
+
 def _columns_by_process(kind: str, path: Path) -> Columns:
     """Read a file in a process of its own: at damaged files these libraries can end their process, or never return."""
     try:
@@ -234,6 +275,9 @@ _KINDS = {
     b"CDF": "NetCDF",
     b"MATLAB 5.0": "MAT",
     b"MATLAB 7.3": "MAT 7.3",
+    b"#ROSBAG": "ROS bag",
+    b"SQLite format 3": "ROS bag",
+    b"\x89MCAP": "ROS bag",
 }
 """Kind of a file by its first bytes; a MAT file of version 7.3 is HDF5 behind a header of its own."""
 
@@ -243,8 +287,9 @@ _READERS: Mapping[str, Callable[[Path], Columns]] = {
     "NetCDF": _netcdf,
     "MAT": _matlab,
     "MAT 7.3": _matlab_73,
+    "ROS bag": _bag,
 }
-_IN_C = ("NetCDF", "MAT", "MAT 7.3")  # kinds that a process of its own reads
+_IN_C = ("NetCDF", "MAT", "MAT 7.3", "ROS bag")  # kinds that a process of its own reads
 
 
 _BEFORE = " ,;\t"  # between the stamp of a logger and a sentence
