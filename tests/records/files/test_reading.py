@@ -198,10 +198,3 @@ def test_mutated_files_are_read_or_refused_in_a_sentence(run, tmp_path):
     base = written(columns(run.isel(time=slice(120))))
     counts = fuzz(base, tmp_path / "run.csv", range(300))
     assert min(counts.values()) > 20, counts
-
-
-@pytest.mark.slow
-def test_two_thousand_mutated_files(run, tmp_path):
-    base = written(columns(run.isel(time=slice(150))))
-    counts = fuzz(base, tmp_path / "run.csv", range(1000, 3_000))
-    assert min(counts.values()) > 200, counts

@@ -132,7 +132,10 @@ test_trial_errors = wording(
             ("[columns]\nu = { column = 'U', sign = 2 }", "columns.u.sign must be 1 or -1, found 2"),
             ("[columns]\nu = { column = 'U', sign = true }", "columns.u.sign must be a finite number, found True"),
             ("[columns]\nu = { column = 'U', offset = nan }", "columns.u.offset must be a finite number, found nan"),
-            ("[frame]\nvelocity = 'earth'", "unknown key frame.velocity; known here are convention, velocities, heading"),
+            (
+                "[frame]\nvelocity = 'earth'",
+                "unknown key frame.velocity; known here are convention, velocities, heading",
+            ),
             ("[frame]\nvelocities = 'ground'", "frame.velocities is one of body, earth; found 'ground'; choose one"),
             ("[frame]\nheading = ['compass']", "frame.heading is one of .*; found \\['compass'\\]"),
             (
