@@ -163,13 +163,11 @@ class ExactPosterior(ABC):
     """Exact posterior of coefficients and noise variance, on the original scale.
 
     ``coefficients`` are n_terms names, with ``mean``, shape (n_terms,), and ``covariance``, shape (n_terms, n_terms);
-    ``log_evidence`` is the log density p(y) of the original response, ``evidence_gradient`` its derivative by the logs
-    of shape, noise variance (scale / shape) and kappa, shape (3,); None for a family that has not worked it out.
+    ``log_evidence`` is the log density p(y) of the original response.
     """
 
     coefficients: tuple[str, ...]
     log_evidence: float
-    evidence_gradient: np.ndarray | None = None
 
     if TYPE_CHECKING:  # a field or a property of the subclass
 
@@ -200,6 +198,11 @@ class ExactPosterior(ABC):
     def sd(self) -> np.ndarray:
         """Posterior standard deviation of each coefficient, shape (n_terms,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def evidence_gradient(self) -> np.ndarray | None:
+        """Derivative of the log evidence by the logs of shape, noise variance and kappa; None if not worked out."""
+        return None
 
     @abstractmethod
     def draw(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -198,9 +198,8 @@ def _evidence_maximum(data: RegressionData, prior_type: type[Prior], bounds: np.
     def loss(fraction: np.ndarray) -> tuple[float, np.ndarray] | float:
         prior = _prior(prior_type, low + width * np.clip(fraction, 0.0, 1.0))
         posterior, penalty = prior.exact(data), prior.hyperprior_rate * prior.shape
-        if not by_gradient:
-            return penalty - posterior.log_evidence
-        return penalty - posterior.log_evidence, width * ([penalty, 0.0, 0.0] - posterior.evidence_gradient)
+        value, gradient = penalty - posterior.log_evidence, posterior.evidence_gradient if by_gradient else None
+        return value if gradient is None else (value, width * (np.array([penalty, 0.0, 0.0]) - gradient))
 
     middle = _prior(prior_type, low + 0.5 * width).exact(data)
     by_gradient = tuple(prior_type.box) == ("shape", "noise_variance", "kappa") and middle.evidence_gradient is not None
