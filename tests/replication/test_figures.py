@@ -343,11 +343,12 @@ def test_what_an_svg_fetches_is_seen():
 
 
 @pytest.mark.parametrize("name", ["tuning", "ranks"])
-def test_a_png_has_the_size_of_its_figure_and_is_the_same_twice(name):
+def test_a_png_has_the_size_of_its_figure_a_palette_and_is_the_same_twice(name):
     data = drawing.png(EVERY[name](), dpi=60)
     assert data.startswith(PNG)
     width, height = struct.unpack(">II", data[16:24])
     assert (width, height) == tuple(int(60 * side) for side in drawn(name).get_size_inches())
+    assert data[25] == 3  # color type of a palette
     same = data == drawing.png(EVERY[name](), dpi=60)
     assert same
 
@@ -356,7 +357,7 @@ def test_an_embedded_figure_carries_its_png_and_its_words():
     text = drawing.html_image(tuning(), "gain by evaluation")
     before, after = text.split("base64,")
     assert before == '<img alt="gain by evaluation" src="data:image/png;'
-    assert base64.b64decode(after.removesuffix('">'), validate=True) == drawing.png(tuning(), dpi=150)
+    assert base64.b64decode(after.removesuffix('">'), validate=True) == drawing.png(tuning(), drawing.EMBEDDED_DPI)
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 STYLE: dict[Any, Any] = {  # matplotlib settings of every figure; the salt makes the SVG reproducible
     "font.size": 9.0,
@@ -28,7 +29,7 @@ REFERENCE, NOISE = "#1b1b1b", "#b9c0c8"
 BLUE, RUST = "#1f6fb2", "#c8551b"  # the first and second colour of most figures
 DOF_COLOURS = {"surge": BLUE, "sway": RUST, "yaw": "#3a8f4d", "roll": "#7d4fa3"}
 METHOD_COLOURS = ("#7fb2dd", BLUE, "#3a8f4d", RUST, "#7d4fa3")
-BESIDE_DPI, EMBEDDED_DPI = 110, 150  # of PNG files, and of PNG images inside a page [dots per inch]
+BESIDE_DPI, EMBEDDED_DPI = 110, 120  # of PNG files, and of PNG images inside a page [dots per inch]
 
 
 house_style = matplotlib.rc_context(STYLE)
@@ -61,8 +62,11 @@ def svg(fig: Figure, name: str) -> str:
 
 
 def png(fig: Figure, dpi: int) -> bytes:
-    """Figure as PNG bytes at a resolution [dots per inch]."""
-    return _saved_bytes(fig, format="png", dpi=dpi, metadata={"Software": None})
+    """Figure as PNG bytes at a resolution [dots per inch], with a palette: a third of the size of full colour."""
+    full = _saved_bytes(fig, format="png", dpi=dpi, pil_kwargs={"compress_level": 0})
+    buffer = io.BytesIO()
+    Image.open(io.BytesIO(full)).convert("RGB").quantize(dither=Image.Dither.NONE).save(buffer, "PNG", dpi=(dpi, dpi))
+    return buffer.getvalue()
 
 
 def html_image(fig: Figure, alternative: str) -> str:
