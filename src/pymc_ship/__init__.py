@@ -24,6 +24,7 @@ _PUBLIC = {
     "physics.forces.modular": ("register_part",),
     "physics.forces.part": ("Force", "Parameter", "Part"),
     "physics.vessel.reading": ("load_vessel",),
+    "physics.vessel.rescaling": ("rescale",),
     "physics.vessel.term_sets": ("term_sets", "with_terms"),
     "physics.vessel.vessel": ("Vessel",),
     "physics.manoeuvre.criteria": ("imo_probabilities",),

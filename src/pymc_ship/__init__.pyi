@@ -61,6 +61,7 @@ from pymc_ship.physics.manoeuvre.standard import turning_circle as turning_circl
 from pymc_ship.physics.manoeuvre.standard import zigzag as zigzag
 from pymc_ship.physics.motion.simulation import simulate as simulate
 from pymc_ship.physics.vessel.reading import load_vessel as load_vessel
+from pymc_ship.physics.vessel.rescaling import rescale as rescale
 from pymc_ship.physics.vessel.term_sets import term_sets as term_sets
 from pymc_ship.physics.vessel.term_sets import with_terms as with_terms
 from pymc_ship.physics.vessel.vessel import Vessel as Vessel
