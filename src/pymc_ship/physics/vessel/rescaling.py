@@ -54,8 +54,8 @@ def rescale(coefficients: xr.DataArray, vessel: Any, system: str) -> xr.DataArra
     >>> print((1e3 * ps.rescale(prime, vessel, "mmg")).round(1).values)
     [-116.  -875.5]
     """
-    check_choice("A system of coefficients", system, SYSTEMS, VesselError)
     vessel = as_vessel(vessel)
+    check_choice("A system of coefficients", system, SYSTEMS, VesselError)
     if "coefficient" not in coefficients.coords:
         raise VesselError("Coefficients to rescale have the coordinate 'coefficient', found none; give their names.")
     terms = {c.name: c.term for force in vessel.forces.values() for c in force}
