@@ -126,6 +126,20 @@ def test_a_term_of_all_rows_predicts_no_new_row(formulae, frame):
     assert np.isfinite(kept.predict(frame.iloc[:5])).all()
 
 
+def classes(v):
+    """Thirds of the range of the rows at hand."""
+    return np.digitize(v, np.linspace(v.min(), v.max(), 4)[1:-1])
+
+
+def test_classes_of_all_rows_are_refused_where_a_row_alone_has_others(formulae, frame):
+    """The sampled rows together may have the classes of all."""
+    ends = frame.iloc[[int(np.argmin(frame["v"])), *range(50), int(np.argmax(frame["v"]))]]
+    exact = ps.ConjugatePrior().exact(ps.RegressionData.from_formula("Y ~ classes(v)", ends))
+    with refused(ps.InferenceError, "classes(v)"):
+        exact.predict(ends.iloc[:5])
+
+
+
 @pytest.mark.parametrize("copied", [lambda data: pickle.loads(pickle.dumps(data)), copy.deepcopy, copy.copy])
 def test_data_and_posterior_of_a_formula_can_be_copied(formulae, frame, copied):
     formula = "Y ~ scale(v) + np.abs(r) + bent(delta) + I(delta**POWER)"

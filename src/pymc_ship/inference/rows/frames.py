@@ -113,7 +113,11 @@ class Formula:
         """Terms of the given names for a table of the variables, shape (n_new, n_names)."""
         check_names(frame, self.variables, "New rows")
         rows, fitted = self.sample
-        different = np.abs(self._evaluate(rows) - fitted).max(axis=0) > 1e-9 * np.abs(fitted).max(axis=0)
+        limit = 1e-9 * np.abs(fitted).max(axis=0)
+        different = np.abs(self._evaluate(rows) - fitted).max(axis=0) > limit
+        for k, row in enumerate(fitted):
+            with suppress(InferenceError):  # of a function that needs more rows
+                different |= np.abs(self._evaluate(rows.iloc[[k]])[0] - row) > limit
         if different.any():
             raise InferenceError(
                 f"Fitted rows must keep their terms, also without the other rows, found other values of "
