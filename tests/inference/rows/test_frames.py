@@ -139,7 +139,6 @@ def test_classes_of_all_rows_are_refused_where_a_row_alone_has_others(formulae, 
         exact.predict(ends.iloc[:5])
 
 
-
 @pytest.mark.parametrize("copied", [lambda data: pickle.loads(pickle.dumps(data)), copy.deepcopy, copy.copy])
 def test_data_and_posterior_of_a_formula_can_be_copied(formulae, frame, copied):
     formula = "Y ~ scale(v) + np.abs(r) + bent(delta) + I(delta**POWER)"

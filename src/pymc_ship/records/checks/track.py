@@ -75,14 +75,15 @@ def earth_velocity(trial: xr.Dataset, axes: str = "body", sign: float = 1.0) -> 
 def turned_to_earth(u: np.ndarray, v: np.ndarray, trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """x_dot and y_dot [m/s] of body-fixed u and v [m/s] at the heading and heel of a trial."""
     psi, sway = trial["psi"].values, v * np.cos(heel(trial))
-    return u * np.cos(psi) - sway * np.sin(psi), u * np.sin(psi) + sway * np.cos(psi)
+    cos, sin = np.cos(psi), np.sin(psi)
+    return u * cos - sway * sin, u * sin + sway * cos
 
 
 def body_velocity(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Body-fixed u and v [m/s] where those of the trial are x_dot and y_dot."""
     x_dot, y_dot, psi = trial["u"].values, trial["v"].values, trial["psi"].values
-    sway = y_dot * np.cos(psi) - x_dot * np.sin(psi)
-    return x_dot * np.cos(psi) + y_dot * np.sin(psi), sway / np.cos(heel(trial))
+    cos, sin = np.cos(psi), np.sin(psi)
+    return x_dot * cos + y_dot * sin, (y_dot * cos - x_dot * sin) / np.cos(heel(trial))
 
 
 def _lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
