@@ -44,8 +44,8 @@ STATUSES = ("ok", "diverged", "failed")
 """How a task ends. `ok`: fitted and scored. `diverged`: fitted, but the fitted ship leaves the model's range in the
 turn. `failed`: no coefficients."""
 
-TURN, TURN_DURATION = turning_circle(35), 400.0
-"""Manoeuvre whose tactical diameter is forecast, and its duration [s]."""
+TURN, TURN_DURATION = turning_circle(35), 22.0
+"""Manoeuvre whose tactical diameter is forecast, and its duration [L/U]."""
 
 
 def _differences(noisy: xr.Dataset, vessel: Vessel, derivative: str, interval: float | None) -> Estimate:
@@ -187,7 +187,8 @@ def _check_estimate(task: Task, estimate: object) -> None:
 def turn_error(vessel: Vessel, coefficients: np.ndarray) -> tuple[float, float]:
     """Error of the tactical diameter [%] and time at which the turn diverged [s], NaN where there is none."""
     ships = np.stack([coefficients, reference_coefficients(vessel)])
-    turned = simulate(vessel, TURN, duration=TURN_DURATION, record_interval=0.5, coefficients=ships)
+    duration = TURN_DURATION * vessel.particulars.ship_time
+    turned = simulate(vessel, TURN, duration=duration, record_interval=0.5, coefficients=ships)
     diameter = indices(turned)["tactical_diameter"].values
     diverged_at = float(turned["diverged_at"].values[0])
     error = float("nan") if np.isfinite(diverged_at) else 100.0 * abs(float(diameter[0] / diameter[1]) - 1.0)
