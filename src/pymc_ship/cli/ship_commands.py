@@ -246,11 +246,13 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree) -> xr.Dataset | None:
-    """Indices of the reference vessel in a manoeuvre; None without a vessel or indices."""
+    """Indices of the reference vessel, in the steps of its forecast; None without a vessel or indices."""
     if vessel is None or not manoeuvre.traits.indices:
         return None
-    duration = float(tree["trajectories"].dataset["time"][-1])
-    return ps.indices(ps.simulate(vessel, manoeuvre, duration=duration, record_interval=0.5))
+    forecast = tree["trajectories"].dataset
+    time, settings = forecast["time"].values, {name: forecast.attrs[name] for name in ("step", "method")}
+    settings |= {"duration": time[-1], "record_interval": time[1] - time[0]}
+    return ps.indices(ps.simulate(vessel, manoeuvre, **settings))
 
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:

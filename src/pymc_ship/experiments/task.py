@@ -23,6 +23,7 @@ from pymc_ship.machine.workers import MACHINE, error_text
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle
 from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.records.files.noise import noisy_trial
@@ -188,7 +189,7 @@ def turn_error(vessel: Vessel, coefficients: np.ndarray) -> tuple[float, float]:
     """Error of the tactical diameter [%] and time at which the turn diverged [s], NaN where there is none."""
     ships = np.stack([coefficients, reference_coefficients(vessel)])
     duration = TURN_DURATION * vessel.particulars.ship_time
-    turned = simulate(vessel, TURN, duration=duration, record_interval=0.5, coefficients=ships)
+    turned = simulate(vessel, TURN, duration=duration, coefficients=ships, **simulation_settings(vessel))
     diameter = indices(turned)["tactical_diameter"].values
     diverged_at = float(turned["diverged_at"].values[0])
     error = float("nan") if np.isfinite(diverged_at) else 100.0 * abs(float(diameter[0] / diameter[1]) - 1.0)
