@@ -82,6 +82,13 @@ def test_odometry_of_ros_is_read_in_its_own_axes(motion, read, tmp_path):
     np.testing.assert_array_equal(again["psi"], trial["psi"])
 
 
+def test_parts_of_a_vector_in_words_are_not_in_axes_of_ros(motion, read):
+    """A logger of its own axes may call a column "Position X"."""
+    trial = read(text({**motion, "more": motion["x"]}, x="Position X [m]", y="Position Y [m]", more="Orientation X"))
+    assert "enu-flu" not in trial.attrs["reading"]
+    np.testing.assert_allclose(trial["x"], motion["x"], atol=1e-9)
+
+
 def test_a_stated_convention_precedes_that_of_ros(motion, read):
     trial = read(text(in_ros_fields(motion)), format={"frame": {"convention": "nwu-flu"}})
     assert "enu-flu" not in trial.attrs["reading"]

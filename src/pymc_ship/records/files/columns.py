@@ -25,7 +25,10 @@ SI_UNIT = "no other stated"
 ROS = "a heading of ROS"
 """What a channel is known by whose heading is a field of a ROS message, such as ``pose.pose.position.x``."""
 
-_ROS_FIELD = re.compile(r"(?:^|[ /])(position|orientation|linear|angular|angular velocity)[ /]([xyzw])")
+_PART = re.compile(r"(?:^|[ /])(position|orientation|linear|angular|angular velocity)[ /]([xyzw])$")
+_ROS_FIELD = re.compile(
+    r"(?:position|orientation|linear|angular|angular_velocity)[./][xyzw]\b"
+)  # a space is none of ROS
 
 AIS = 4.733  # of the rate of turn, ITU-R M.1371-5, Table 48
 
@@ -102,9 +105,9 @@ def is_unit(text: str) -> bool:
 
 
 def _channels_named(heading: str) -> list[Channel]:
-    """Channels that a lower-case heading without unit may name; of a field of ROS, the end counts."""
-    if field := _ROS_FIELD.search(heading):
-        heading = f"{field[1]} {field[2]}" if field.end() == len(heading) else heading
+    """Channels that a lower-case heading without unit may name; of a vector's part, the end counts."""
+    if part := _PART.search(heading):
+        heading = f"{part[1]} {part[2]}"
     return [one for one in quantities().values() if heading == plain_name(one.name) or heading in one.headings]
 
 
@@ -243,16 +246,16 @@ def _column_of_heading(
     unit_by = "the heading" if unit != unit_below or stated else "the file"
     for channel in channels:
         if factor := channel.unit.factor(unit):
-            known: dict[str, Any] = {"named_by": _named_by(channel, name), "unit_by": unit_by}
+            known: dict[str, Any] = {"named_by": _named_by(channel, name, heading), "unit_by": unit_by}
             return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor, **known)
     if is_unit(unit):
         return None
     raise TrialError(_unknown_unit(where, heading, channels[0], unit))
 
 
-def _named_by(channel: Channel, name: str) -> str:
-    """What a channel is known by in a file with this plain heading."""
-    if _ROS_FIELD.search(name):
+def _named_by(channel: Channel, name: str, heading: str) -> str:
+    """What a channel is known by in a file with this heading, whose plain name is ``name``."""
+    if _ROS_FIELD.search(heading):
         return ROS
     return "its name" if name == plain_name(channel.name) else "a usual heading"
 
@@ -274,8 +277,12 @@ def _without_unit(
     channel = next((one for one in channels if one.name in unstated), channels[0])
     unit = unstated.get(channel.name, channel.unit.name)
     factor, heading_name = channel.unit.factor(unit), _name_and_unit(heading)[0]
-    by_name = channel is TIME or (heading_name == plain_name(channel.name) and channel.name not in GROUND)
-    named_by = _named_by(channel, heading_name)
+    by_name = (
+        channel is TIME
+        or channel.name in QUATERNION
+        or (heading_name == plain_name(channel.name) and channel.name not in GROUND)
+    )
+    named_by = _named_by(channel, heading_name, heading)
     if factor is None or not (by_name or named_by == ROS or channel.name in unstated):
         raise _UnstatedUnitError(
             f"{where}, column {heading!r}: its unit is not stated; state it, such as {_with_unit(heading)}."
