@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -11,14 +11,22 @@ from contextvars import ContextVar
 _ALONE: ContextVar[bool] = ContextVar("one_thread", default=False)
 
 
-def thread_pool(tasks: int) -> ThreadPoolExecutor:
-    """Thread pool for tasks that release the interpreter's lock: one thread a task, at most one a core."""
-    return ThreadPoolExecutor(1 if _ALONE.get() else max(min(tasks, os.cpu_count() or 1), 1))
+def map_in_threads[Result](function: Callable[..., Result], *arguments: Iterable) -> list[Result]:
+    """Results of a function that releases the interpreter's lock, in the order of its arguments.
+
+    One thread a task, at most one a core; a task inside another, or alone, has no thread of its own.
+    """
+    tasks = list(zip(*arguments, strict=True))
+    threads = 1 if _ALONE.get() else min(len(tasks), os.cpu_count() or 1)
+    if threads <= 1:
+        return [function(*task) for task in tasks]
+    with ThreadPoolExecutor(threads, initializer=_ALONE.set, initargs=(True,)) as pool:
+        return list(pool.map(lambda task: function(*task), tasks))
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit linear algebra and thread pools of this context to one thread."""
+    """Limit linear algebra and :func:`map_in_threads` of this context to one thread."""
     from threadpoolctl import threadpool_limits
 
     before = _ALONE.set(True)

@@ -229,11 +229,9 @@ class TestTests:
         problem, n = fit.problem, fit.problem.n_coefficients
         fit = fit_trajectory(replace(problem, noise=(replace(problem.noise[0], offsets=False),)), fit.unknowns[: n + 6])
         problem, run, noise = fit.problem, fit.problem.runs[0], fit.problem.noise[0]
-        rows = run_rows(problem.vessel, run, noise, fit.coefficients, fit.unknowns[n:])
-        J = np.vstack([design for _, design in rows]) * problem.unit
-        linear_residuals = np.concatenate([misfit for misfit, _ in rows]) + J @ (
-            (fit.unknowns - problem.center) / problem.unit
-        )
+        misfit, design = run_rows(problem.vessel, run, noise, fit.coefficients, fit.unknowns[n:])
+        J = np.vstack(list(design)) * problem.unit
+        linear_residuals = misfit.ravel() + J @ ((fit.unknowns - problem.center) / problem.unit)
         ones = np.ones(run.n_blocks)
         X = block_diag(*(whiten(ones, *law)[:, None] for law in zip(noise.sd, noise.correlation, strict=True)))
         C = np.eye(len(J)) + J / problem.precision @ J.T

@@ -129,9 +129,9 @@ def runs_root(
     for k, run in enumerate(prepared):
         offsets = np.zeros(len(run.channels) if noise[k].offsets else 0)
         rows = run_rows(vessel, run, noise[k], theta, np.concatenate([np.asarray(states[k], dtype=float), offsets]))
-        if not rows:
+        if rows is None:
             raise FitError(f"The simulation must stay in range, found it diverged in run {k + 1}; change coefficients.")
-        design = np.vstack([columns for _, columns in rows])
+        design = np.vstack(list(rows[1]))
         roots.append(np.linalg.qr(_without(design[:, : theta.size], design[:, theta.size :]), mode="r"))
     return np.linalg.qr(np.vstack(roots), mode="r")
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,21 @@ _MOST_STEPS, _MOST_REFITS = 400, 6
 _SCALES_CONVERGED = 0.05  # change of the log sd of a coefficient
 _LEAST_SINGULAR_VALUE = 1e-12
 
-Rows = list[tuple[np.ndarray, np.ndarray]]
+
+class RunRows(NamedTuple):
+    """Indices of the unknowns of a run, coefficients first, its whitened misfit, and its whitened design.
+
+    Shapes (n_local,), (n_channels, n_blocks) and (n_channels, n_blocks, n_local); the design is of physical units.
+    """
+
+    indices: np.ndarray
+    misfit: np.ndarray
+    design: np.ndarray
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """Gradient of the log likelihood of the run, (n_local,)."""
+        return np.einsum("cb,cbi->i", self.misfit, self.design)
 
 
 @dataclass(frozen=True)
@@ -148,12 +163,12 @@ class Problem:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Log likelihood, gradient and Gauss-Newton matrix of its negative in the problem's units, whitened residuals."""
+    """Log likelihood, gradient and Gauss-Newton matrix of its negative in the problem's units, rows of each run."""
 
     log_likelihood: float
     gradient: np.ndarray
     matrix: np.ndarray
-    residuals: tuple[np.ndarray, ...]
+    runs: list[RunRows]
 
 
 @dataclass(frozen=True)
@@ -164,6 +179,7 @@ class TrajectoryFit:
     unknowns: np.ndarray  # (n_unknowns,); coefficients, then initial state and offsets of each run, physical units
     square_root: np.ndarray  # (n_unknowns, n_unknowns); R with R R' the posterior covariance, physical units
     residuals: tuple[np.ndarray, ...]  # (n_channels, n_blocks); whitened misfit of each run
+    gradients: np.ndarray  # (n_runs, n_shared); of the log likelihood of each run, physical units
     log_likelihood: float
     log_evidence: float  # up to a constant for a partly flat prior
 
@@ -193,48 +209,51 @@ def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
     """Linearisation of all runs at the unknowns; None where a simulation diverges."""
     unit, design = problem.unit, problem.likelihood_design
     misfit = problem.prior.likelihood_or_flat.residuals(unknowns[: problem.n_coefficients])
-    gradient, matrix, residuals = -design.T @ misfit, design.T @ design, []
+    gradient, matrix = -design.T @ misfit, design.T @ design
     log_likelihood = -0.5 * float(misfit @ misfit)
-    for noise, (indices, rows) in zip(problem.noise, linearised_runs(problem, unknowns), strict=True):
-        if not rows:
+    runs = []
+    for noise, run in zip(problem.noise, linearised_runs(problem, unknowns), strict=True):
+        if run is None:
             return None
-        local = np.zeros((indices.size, indices.size))
-        for misfit, design in rows:
-            gradient[indices] -= design.T @ misfit
-            local += design.T @ design
-        matrix[np.ix_(indices, indices)] += local
-        white = np.array([misfit for misfit, _ in rows])
+        indices, white, design = run
+        flat = design.reshape(-1, indices.size)
+        gradient[indices] -= run.gradient
+        matrix[np.ix_(indices, indices)] += flat.T @ flat
         n_blocks = white.shape[1]
         log_sd = n_blocks * np.log(noise.sd) + 0.5 * (n_blocks - 1) * np.log1p(-(noise.correlation**2))
         log_likelihood += float(-0.5 * (np.sum(white**2) + white.size * _LOG_2PI) - np.sum(log_sd))
-        residuals.append(white)
-    return Linearisation(log_likelihood, gradient * unit, matrix * np.outer(unit, unit), tuple(residuals))
+        runs.append(run)
+    return Linearisation(log_likelihood, gradient * unit, matrix * np.outer(unit, unit), runs)
 
 
-def linearised_runs(problem: Problem, unknowns: np.ndarray) -> Iterator[tuple[np.ndarray, Rows]]:
-    """Indices of the unknowns of each run, coefficients first, and its :func:`run_rows`."""
+def linearised_runs(problem: Problem, unknowns: np.ndarray) -> Iterator[RunRows | None]:
+    """Rows of each run in turn; None where its simulation diverges."""
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
     for run, noise, columns, nuisances in pieces:
-        yield np.r_[columns, nuisances], run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[nuisances])
+        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[nuisances])
+        yield None if rows is None else RunRows(np.r_[columns, nuisances], *rows)
 
 
-def run_rows(vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray) -> Rows:
-    """Whitened misfit (n_blocks,) and design (n_blocks, n_local) of each channel of a run; empty if it diverges."""
+def run_rows(
+    vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Whitened misfit and design of a run, as in :class:`RunRows`; None if it diverges."""
     start = nuisances[: run.n_states]
     motion, jacobian = sensitivities(vessel, run.inputs, start, coefficients, block=run.block, **run.integration)
     if not np.isfinite(motion).all():
-        return []
-    rows = []
-    for c, row in enumerate(run.rows):
-        misfit, design = noise.values[c] - motion[row], jacobian[row]
-        if noise.offsets:
-            columns = np.zeros((run.n_blocks, len(run.channels)))
-            columns[:, c] = 1.0
-            misfit, design = misfit - nuisances[run.n_states + c], np.hstack([design, columns])
-        rows.append(
-            (whiten(misfit, noise.sd[c], noise.correlation[c]), whiten(design, noise.sd[c], noise.correlation[c]))
-        )
-    return rows
+        return None
+    rows, n_channels = list(run.rows), len(run.channels)
+    misfit, design = noise.values - motion[rows], jacobian[rows]
+    if noise.offsets:
+        misfit -= nuisances[run.n_states :, None]
+        own = np.broadcast_to(np.eye(n_channels)[:, None], (n_channels, run.n_blocks, n_channels))
+        design = np.concatenate([design, own], axis=2)
+    return whiten_channels(misfit, noise), whiten_channels(design, noise)
+
+
+def whiten_channels(values: np.ndarray, noise: Noise) -> np.ndarray:
+    """Values (n_channels, n_blocks, ...) whitened by the noise of each channel."""
+    return np.array([whiten(*channel) for channel in zip(values, noise.sd, noise.correlation, strict=True)])
 
 
 def _cost(problem: Problem, unknowns: np.ndarray, point: Linearisation | None) -> float:
@@ -298,8 +317,12 @@ def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLER
         unknowns, point = _descend(problem, unknowns, tolerance)
         if converged:
             break
-    square_root, log_evidence = _normal_approximation(problem, unknowns, point.log_likelihood)
-    return TrajectoryFit(problem, unknowns, square_root, point.residuals, point.log_likelihood, log_evidence)
+    square_root, log_evidence = _normal_approximation(problem, unknowns, point)
+    residuals, gradients = tuple(run.misfit for run in point.runs), np.zeros((len(point.runs), problem.n_shared))
+    for row, run in zip(gradients, point.runs, strict=True):
+        shared = run.indices[: problem.n_coefficients]
+        row[shared] = run.gradient[: shared.size]
+    return TrajectoryFit(problem, unknowns, square_root, residuals, gradients, point.log_likelihood, log_evidence)
 
 
 @dataclass(frozen=True)
@@ -327,12 +350,12 @@ def linear_problem(
     return LinearProblem(law, problem.prior.scale, information, score, at[:n] * unit[:n]), nuisances
 
 
-def _normal_approximation(problem: Problem, unknowns: np.ndarray, log_likelihood: float) -> tuple[np.ndarray, float]:
+def _normal_approximation(problem: Problem, unknowns: np.ndarray, point: Linearisation) -> tuple[np.ndarray, float]:
     """Square root of the covariance and log evidence, by the SVD of the whitened design with the rows of the prior."""
     unit, precision = problem.unit, problem.precision
     blocks = [np.diag(np.sqrt(precision)), problem.likelihood_design * unit]
-    for indices, rows in linearised_runs(problem, unknowns):
-        triangle = np.linalg.qr(np.vstack([design for _, design in rows]) * unit[indices], mode="r")
+    for indices, _, design in point.runs:
+        triangle = np.linalg.qr(design.reshape(-1, indices.size) * unit[indices], mode="r")
         blocks.append(np.zeros((len(triangle), unit.size)))
         blocks[-1][:, indices] = triangle
     _, s, right = np.linalg.svd(np.linalg.qr(np.vstack(blocks), mode="r"))
@@ -344,7 +367,7 @@ def _normal_approximation(problem: Problem, unknowns: np.ndarray, log_likelihood
     distance = (unknowns - problem.center) / unit
     log_precision = np.log(np.where(precision > 0.0, precision, 1.0))
     log_prior = 0.5 * np.sum(log_precision - _LOG_2PI - precision * distance**2)
-    log_evidence = log_likelihood + log_prior + 0.5 * unit.size * _LOG_2PI - np.sum(np.log(s))
+    log_evidence = point.log_likelihood + log_prior + 0.5 * unit.size * _LOG_2PI - np.sum(np.log(s))
     return unit[:, None] * right.T / s, float(log_evidence)
 
 

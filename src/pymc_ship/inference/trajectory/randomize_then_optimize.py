@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pymc_ship.inference.trajectory.fit import TrajectoryFit, linearised_runs
+from pymc_ship.inference.trajectory.fit import RunRows, TrajectoryFit, linearised_runs
 from pymc_ship.inference.trajectory.noise import white_misfits
 from pymc_ship.inference.trajectory.windows import WindowFit, normal_draws
 
@@ -30,9 +30,7 @@ def _optimized_changes(mode: TrajectoryFit, normal: np.ndarray) -> np.ndarray:
     """
     n, root = mode.problem.n_coefficients, mode.square_root
     target = np.linalg.lstsq(root[:n], normal.T, rcond=None)[0].T
-    windows = []  # indices of the unknowns, whitened misfit (n_channels, n_blocks) and design at the mode
-    for indices, rows in linearised_runs(mode.problem, mode.unknowns):
-        windows.append((indices, *(np.array(values) for values in zip(*rows, strict=True))))
+    windows = [run for run in linearised_runs(mode.problem, mode.unknowns) if run is not None]  # none diverges
     changes, remaining = np.zeros_like(target), target.copy()
     distance, step_fraction = np.full(len(target), np.inf), np.ones(len(target))
     for _ in range(_MAX_STEPS):
@@ -49,7 +47,7 @@ def _optimized_changes(mode: TrajectoryFit, normal: np.ndarray) -> np.ndarray:
     return changes @ root[:n].T
 
 
-def _nonlinear_change(mode: TrajectoryFit, windows: Sequence[tuple], changes: np.ndarray) -> np.ndarray:
+def _nonlinear_change(mode: TrajectoryFit, windows: Sequence[RunRows], changes: np.ndarray) -> np.ndarray:
     """Nonlinear part of the change of the motion, projected on the estimate, (n_draws, n_unknowns); NaN if diverged."""
     change, projection = changes @ mode.square_root.T, np.zeros_like(changes)
     misfits = white_misfits(mode.problem, mode.unknowns + change)

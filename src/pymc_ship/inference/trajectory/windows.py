@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from scipy.signal import savgol_filter
 
-from pymc_ship.inference.trajectory.fit import TrajectoryFit, fit_trajectory, initial_problem, linearised_runs
+from pymc_ship.inference.trajectory.fit import TrajectoryFit, fit_trajectory, initial_problem
 from pymc_ship.inference.trajectory.mode import TrajectoryMode
 from pymc_ship.inference.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
@@ -31,7 +31,7 @@ LENGTH = 5.0  # length of a window [L/U_nom]
 SAMPLES = 50  # samples in L/U_nom; means of faster records are taken
 HEADING = STATE.index("psi")
 _BLOCKS = 30  # blocks compared in L/U
-_STEPS = 60  # least integration steps in L/U
+_STEPS = 30  # least integration steps in L/U
 _SMOOTHED = 0.5  # L/U, length of the local cubic for the initial state of a window
 _SMOOTHING = 4.0 / np.sqrt(_SMOOTHED)  # its sd at the end of a record, for unit noise and 1 sample in L/U
 _FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # initial sd by unit: fraction of U, of U/L, or rad
@@ -251,11 +251,7 @@ def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
 
 def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
     """Sum over windows of g g' times n / (n - 1), g the gradient of a window's log likelihood."""
-    n, gradients = fit.problem.n_coefficients, []
-    for indices, rows in linearised_runs(fit.problem, fit.unknowns):
-        gradients.append(np.zeros(fit.problem.n_shared))
-        gradients[-1][indices[:n]] = sum(design[:, :n].T @ misfit for misfit, design in rows)
-    g, count = np.array(gradients), len(gradients)
+    g, count = fit.gradients, len(fit.gradients)
     return g.T @ g * (count / max(count - 1, 1))
 
 

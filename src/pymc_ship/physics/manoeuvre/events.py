@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class SteadyTurn(NamedTuple):
@@ -31,10 +32,10 @@ class Record:
         self.x_dot = surge * np.cos(psi) - sway * np.sin(psi)
         self.y_dot = surge * np.sin(psi) + sway * np.cos(psi)
 
-    def at(self, name: str, when: float) -> float:
-        """Value of psi, x or y at a time."""
+    def at(self, name: str, when: ArrayLike) -> Any:
+        """Value of psi, x or y at a time or an array of times."""
         slope = {"psi": self.psi_dot, "x": self.x_dot, "y": self.y_dot}[name]
-        k = min(max(int(np.searchsorted(self.time, when)) - 1, 0), self.time.size - 2)
+        k = np.clip(np.searchsorted(self.time, when) - 1, 0, self.time.size - 2)
         a, b, c, d = _cubic(self.time, self.motion[name], slope, k)
         s = when - self.time[k]
         return a + s * (b + s * (c + s * d))
@@ -68,7 +69,7 @@ class Record:
     def distance(self, until: float) -> float:
         """Distance run [m] up to a time: how far the positions advance along the velocity; their noise cancels."""
         path = np.append(self.time[self.time < until], until)
-        x, y = (np.diff([self.at(name, when) for when in path]) for name in ("x", "y"))
+        x, y = (np.diff(self.at(name, path)) for name in ("x", "y"))
         middle = 0.5 * (path[1:] + path[:-1])
         north, east = (np.interp(middle, self.time, rate) for rate in (self.x_dot, self.y_dot))
         velocity = (north + 1j * east)[north**2 + east**2 > 0.0]
@@ -113,8 +114,8 @@ class Record:
         return float(self.time[k] + inside[0]) if inside.size else float(self.time[k + 1])
 
 
-def _cubic(time: np.ndarray, value: np.ndarray, slope: np.ndarray, k: int) -> tuple[float, float, float, float]:
-    """Coefficients of the Hermite cubic on interval k, in powers of the time since its begin."""
+def _cubic(time: np.ndarray, value: np.ndarray, slope: np.ndarray, k: Any) -> tuple[Any, Any, Any, Any]:
+    """Coefficients of the Hermite cubic on interval k (or on several), in powers of the time since its begin."""
     h = time[k + 1] - time[k]
     secant = (value[k + 1] - value[k]) / h
     c = (3.0 * secant - 2.0 * slope[k] - slope[k + 1]) / h

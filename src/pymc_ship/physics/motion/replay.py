@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from pymc_ship.machine.errors import SimulationError
-from pymc_ship.machine.threads import thread_pool
+from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.physics.motion.equations import KERNEL, Scheme, scheme, set_parts
 from pymc_ship.physics.motion.inputs import all_inputs
 from pymc_ship.physics.motion.stepping import (
@@ -102,8 +102,7 @@ def replay(
         coefficients, states = (np.ascontiguousarray(rows[lanes].T) for rows in (draws, initial))
         _replay(coefficients, equations, states, record, out[:, lanes])
 
-    with thread_pool(len(blocks)) as pool:
-        list(pool.map(run, blocks))
+    map_in_threads(run, blocks)
     return out
 
 

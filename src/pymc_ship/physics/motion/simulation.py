@@ -11,7 +11,7 @@ from numba import njit
 
 from pymc_ship.machine.arguments import check_choice, real_array
 from pymc_ship.machine.errors import SimulationError
-from pymc_ship.machine.threads import thread_pool
+from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.controlled import Start, course
 from pymc_ship.physics.motion.equations import KERNEL, PART, Scheme, scheme, set_parts
@@ -232,8 +232,7 @@ def _simulate_in_steps(
         coefficients = np.ascontiguousarray(draws[lanes].T)
         return _integrate(coefficients, equations, start, steering, steps, out[:, lanes])
 
-    with thread_pool(len(blocks)) as pool:
-        diverged = np.concatenate(list(pool.map(run, blocks)))
+    diverged = np.concatenate(map_in_threads(run, blocks))
     return out, np.where(diverged >= 0, diverged * steps.step, np.nan)
 
 

@@ -98,6 +98,9 @@ def with_parts(
     return replace(vessel, parts=names, parameters=tuple(typical.values()))
 
 
+_NO_PARTS = Trace((), ()).program(())
+
+
 def part_program(vessel: Vessel) -> Program:
     """Program of the accelerations by the parts of a vessel; without results if it has no parts."""
     return _program(vessel, None if vessel.modular else np.linalg.inv(vessel.inertia_matrix))
@@ -110,7 +113,7 @@ def force_program(vessel: Vessel) -> Program:
 
 def _program(vessel: Vessel, J_inverse: np.ndarray | None) -> Program:
     if not vessel.parts:
-        return Trace((), ()).program(())
+        return _NO_PARTS
     parts = tuple(PARTS[name] for name in vessel.parts)
     matrix = None if J_inverse is None else tuple(map(tuple, J_inverse.tolist()))
     return acceleration_program(ship_dimensions(vessel), parts, matrix)

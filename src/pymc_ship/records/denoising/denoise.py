@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymc_ship.machine.arguments import check_choice, real_array, short_repr
-from pymc_ship.machine.threads import thread_pool
+from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.records.denoising.ebayes import RULES
 from pymc_ship.records.denoising.shrinkage import shrinkage
 from pymc_ship.records.denoising.smoothers import SMOOTHERS, smooth_signal
@@ -82,8 +82,7 @@ def denoise(
     def smooth(name: str) -> tuple[np.ndarray, dict[str, Any]]:
         return _denoise(trial[name].to_numpy(), f"channel {name}", method, choice)
 
-    with thread_pool(2) as pool:
-        results = list(pool.map(smooth, names))
+    results = map_in_threads(smooth, names)
     denoised = trial.copy()
     for name, (estimate, attrs) in zip(names, results, strict=True):
         denoised[name] = trial[name].copy(data=estimate).assign_attrs(attrs)

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.machine.threads import thread_pool
+from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.records.denoising.denoise import channels_to_denoise, finite_signal
 from pymc_ship.records.denoising.shrinkage import shrinkage
 from pymc_ship.trial.record import as_trial
@@ -64,8 +64,7 @@ def denoise_draws(
     def draw(name: str, rng: np.random.Generator) -> np.ndarray:
         return _draw(trial[name].to_numpy(), f"channel {name}", draws, rng, settings)
 
-    with thread_pool(2) as pool:
-        results = list(pool.map(draw, names, rng.spawn(len(names))))
+    results = map_in_threads(draw, names, rng.spawn(len(names)))
     trial_draws = trial.assign_coords(draw=np.arange(draws))
     for name, values in zip(names, results, strict=True):
         trial_draws[name] = (("draw", "time"), values, trial[name].attrs)

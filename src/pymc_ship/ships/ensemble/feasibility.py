@@ -17,7 +17,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 FASTEST = 1.15  # largest feasible speed in a zigzag or turn, over the approach speed
 TIGHTEST = 0.5  # least feasible radius of a turn [L]
 _REACH = 60.0  # L/U, of the manoeuvres
-_STEP = 1.0 / 60.0  # L/U
+_STEP = 1.0 / 30.0  # L/U
 
 
 def is_feasible(

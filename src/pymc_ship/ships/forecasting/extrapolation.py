@@ -16,7 +16,7 @@ import xarray as xr
 from numba import njit
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.machine.threads import thread_pool
+from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.equations import KERNEL, STATE
 from pymc_ship.physics.motion.prime_record import prime_record
@@ -165,8 +165,7 @@ def _distances(
         lowest[rows], highest[rows] = np.fmin.reduce(by_ship, axis=2).T, np.fmax.reduce(by_ship, axis=2).T
 
     blocks = range(0, n_draws, _SHIPS)
-    with thread_pool(len(blocks)) as pool:
-        list(pool.map(fill_rows, blocks))
+    map_in_threads(fill_rows, blocks)
     distance[distance < MARGIN] = 0.0
     distance[np.isnan(record["u"])] = np.nan
     return distance, lowest, highest

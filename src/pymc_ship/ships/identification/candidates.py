@@ -23,7 +23,7 @@ from pymc_ship.inference.trajectory.sequential_likelihood import (
 from pymc_ship.inference.trajectory.windows import Window, WindowFit, fit_windows, inflate_covariance, prepared_windows
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError
-from pymc_ship.machine.threads import thread_pool
+from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.forces.surroundings import CURRENT
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -247,9 +247,9 @@ def fit_candidates(
 ) -> tuple[list[Candidate], list[Refusal]]:
     """Candidates of the term sets that can be fitted, and refusals of the others; ``rng`` is not advanced."""
     root = int(deepcopy(rng).integers(2**63))
-    with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(names)) as pool:
-        streams = [np.random.default_rng([root, k]) for k in range(len(names))]
-        attempts = list(pool.map(lambda name, stream: _attempt(name, training, stream), names, streams))
+    streams = [np.random.default_rng([root, k]) for k in range(len(names))]
+    with threadpool_limits(limits=1, user_api="blas"):
+        attempts = map_in_threads(lambda name, stream: _attempt(name, training, stream), names, streams)
     candidates = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not candidates:

@@ -193,11 +193,12 @@ def identify_ship(
         ]
         progress("weights and model error from held-out runs")
         candidates = _with_weights(candidates, training.earlier, rng)
-        rows = _held_out_indices(candidates, training, names, rng) if len(trials) > 1 else []
+        noise = _index_noise(training, rng)
+        rows = _held_out_indices(candidates, training, names, noise, rng) if len(trials) > 1 else []
         all_rows = [*(index_rows(before.held_out_indices) if before else ()), *rows]
         errors = model_error(all_rows)
         earlier_harder = index_rows(before.harder_indices) if before else ()
-        harder_rows = [*earlier_harder, *_harder_indices(candidates, training, names, rng)]
+        harder_rows = [*earlier_harder, *_harder_indices(candidates, training, names, noise, rng)]
         remarks += unscored_run_remarks(by_name, training.manoeuvres, fullest_vessel)
         remarks += [] if all_rows else [_NOTHING_HELD_OUT]
         progress("feasible draws")
@@ -314,18 +315,37 @@ def _with_weights(
     return [replace(candidate, weight=float(w)) for candidate, w in zip(candidates, weight, strict=True)]
 
 
+def _index_noise(training: Training, rng: np.random.Generator) -> list[dict[str, float]]:
+    """Sd of the measured indices of each run; empty for an unknown manoeuvre, and where no run is held out."""
+    if len(training.trials) < 2:
+        return [{}]
+    noise: list[dict[str, float]] = []
+    for trial, manoeuvre in zip(training.trials, training.manoeuvres, strict=True):
+        delay = with_steering(training.vessel, training.facilities[facility_of(trial)]).particulars.rudder_delay
+        noise.append({} if manoeuvre is None else index_noise_sd(trial, manoeuvre, delay, rng))
+    return noise
+
+
 def _held_out_indices(
-    candidates: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
+    candidates: Sequence[Candidate],
+    training: Training,
+    names: Sequence[str],
+    noise: Sequence[Mapping[str, float]],
+    rng: np.random.Generator,
 ) -> list[dict]:
     """Indices of every recognised manoeuvre, forecast by the fits without its run."""
     rows = []
     for k in range(len(names)):
-        rows += _forecast_of_run(k, names[k], training, [(one, one.held_out, k) for one in candidates], rng)
+        rows += _forecast_of_run(k, names[k], training, [(one, one.held_out, k) for one in candidates], noise[k], rng)
     return rows
 
 
 def _harder_indices(
-    candidates: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
+    candidates: Sequence[Candidate],
+    training: Training,
+    names: Sequence[str],
+    noise: Sequence[Mapping[str, float]],
+    rng: np.random.Generator,
 ) -> list[dict]:
     """Indices of the harder manoeuvres, forecast by the fits to the milder runs, with their distance from these."""
     rows = []
@@ -335,7 +355,7 @@ def _harder_indices(
         vessel = folds[0][0].vessel
         motion = _motion(replace(training, trials=milder), vessel, None)
         beyond = float(np.nanmax(extrapolation(vessel, training.trials[k], motion)["distance"]))
-        forecasts = _forecast_of_run(k, names[k], training, folds, rng)
+        forecasts = _forecast_of_run(k, names[k], training, folds, noise[k], rng)
         rows += [row | {"beyond": beyond} for row in forecasts]
     return rows
 
@@ -345,6 +365,7 @@ def _forecast_of_run(
     name: str,
     training: Training,
     folds: Sequence[tuple[Candidate, CrossValidation, int]],
+    noise: Mapping[str, float],
     rng: np.random.Generator,
 ) -> list[dict]:
     """Rows of :func:`.forecast_rows` of run k, by each candidate's fit of a fold; none of an unknown manoeuvre."""
@@ -357,7 +378,6 @@ def _forecast_of_run(
             draws = validation.draws(fold, _FORECASTS, rng)
             models.append((with_steering(candidate.vessel, gear), np.vstack([validation.coefficients[fold], draws])))
             weights.append(candidate.weight)
-    noise = index_noise_sd(trial, manoeuvre, models[0][0].particulars.rudder_delay, rng)
     return forecast_rows(name, trial, manoeuvre, models, np.array(weights) / np.sum(weights), noise)
 
 
