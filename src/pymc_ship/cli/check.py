@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
@@ -20,7 +21,7 @@ from pymc_ship.records.files.columns import nearest_heading
 from pymc_ship.records.files.format import format_text
 from pymc_ship.records.files.reading import FileReading, read_file
 from pymc_ship.records.files.ship_scale import ship_scale
-from pymc_ship.records.steering.measured import measured_criteria
+from pymc_ship.records.steering.measured import measured_criteria, order_delay, order_sentence
 from pymc_ship.records.steering.recognition import STEERED, recognised_manoeuvre, unrecognised_text
 from pymc_ship.trial.channels import CHANNELS, unmodelled_roll_text
 from pymc_ship.trial.record import nonzero_channels
@@ -90,9 +91,14 @@ def _manoeuvre(trial: xr.Dataset, vessel: Vessel | None) -> tuple[str, list[tupl
     if not set(STEERED) <= set(trial):
         return roll, []
     unit = ship_scale(trial, vessel).time
-    manoeuvre = recognised_manoeuvre(trial, unit)
+    manoeuvre, steering = recognised_manoeuvre(trial, unit)
     if manoeuvre is None:
         return "\n".join(filter(None, [roll, unrecognised_text(trial, unit)])), []
-    sentence = f"The trial is recognised as a {manoeuvre.label}."
-    rows = [tuple(row.values()) for row in measured_criteria(trial, manoeuvre, vessel)]
-    return "\n".join(filter(None, [roll, sentence])), rows
+    stated = vessel.particulars.rudder_delay if vessel else 0.0
+    delay = order_delay(trial, stated if np.isnan(steering.rudder_delay) else steering.rudder_delay)
+    sentences = [
+        f"The trial is recognised as a {manoeuvre.label}.",
+        order_sentence(delay, manoeuvre.approach_speed or np.nan),
+    ]
+    rows = [tuple(row.values()) for row in measured_criteria(trial, manoeuvre, vessel, delay)]
+    return "\n".join(filter(None, [roll, *sentences])), rows

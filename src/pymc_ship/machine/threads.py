@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import Any
 
 _ALONE: ContextVar[bool] = ContextVar("one_thread", default=False)
 
 
-def map_in_threads[Result](function: Callable[..., Result], *arguments: Iterable) -> list[Result]:
+def map_in_threads[Result](function: Callable[..., Result], *arguments: Iterable[Any]) -> list[Result]:
     """Results of a function that releases the interpreter's lock, in the order of its arguments.
 
     One thread a task, at most one a core; a task inside another, or alone, has no thread of its own.

@@ -71,6 +71,7 @@ EXACT_ZIGZAG = {
     "initial_turning_time": SWITCH,
     "initial_turning_distance": SPEED * SWITCH,
     "period": PERIOD,
+    "reach": PERIOD / 2.0,
 }
 EXACT_CIRCLE = {
     "time_to_90": 0.5 * np.pi / 0.012,
@@ -86,10 +87,40 @@ EXACT_CIRCLE = {
 }
 
 
+FIRST_SWING = ("initial_turning_time", "initial_turning_distance", "first_overshoot_angle", "first_overshoot_time")
+
+
 def worst_error(name, exact, interval):
     """Largest error of an index over records whose samples fall differently between the events."""
     offsets = interval * np.arange(7) / 7.0
     return max(abs(float(ps.indices(sine(interval, offset=offset))[name]) - exact(offset)) for offset in offsets)
+
+
+def delayed(run, delay):
+    """The same motion, whose rudder moves this long [s] after its order."""
+    return run.assign_attrs(rudder_delay=delay)
+
+
+class TestOrder:
+    """Times and distances count from the order of the first execute, before the rudder moves."""
+
+    @pytest.mark.parametrize("side", SIDES)
+    def test_of_a_zigzag(self, side):
+        late, at_once = (ps.indices(delayed(sine(0.05, side=side), delay)) for delay in (4.0, 0.0))
+        shift = {"initial_turning_time": 4.0, "initial_turning_distance": 4.0 * SPEED, "reach": 4.0}
+        for name in late:
+            assert float(late[name] - at_once[name]) == pytest.approx(shift.get(name, 0.0), abs=1e-9), name
+
+    @pytest.mark.parametrize("side", SIDES)
+    def test_of_a_circle_on_any_course(self, side):
+        late, at_once = (ps.indices(delayed(circle(0.5, side=side, course=2.0), delay)) for delay in (4.0, 0.0))
+        shift = {"time_to_90": 4.0, "time_to_180": 4.0, "advance": 4.0 * SPEED * np.cos(0.15)}
+        shift |= dict.fromkeys(("transfer", "tactical_diameter"), -4.0 * SPEED * np.sin(0.15))
+        for name in late:
+            assert float(late[name] - at_once[name]) == pytest.approx(shift.get(name, 0.0), abs=1e-9), name
+
+    def test_of_an_unknown_delay_is_the_first_movement(self):
+        assert ps.indices(delayed(sine(0.5), np.nan)).equals(ps.indices(sine(0.5)))
 
 
 class TestZigzag:
@@ -147,6 +178,7 @@ class TestZigzag:
         [
             (SWITCH - 1.0, set(EXACT_ZIGZAG)),
             (49.0, set(EXACT_ZIGZAG) - {"initial_turning_time", "initial_turning_distance"}),
+            (99.0, set(EXACT_ZIGZAG) - set(FIRST_SWING)),
             (149.0, {"second_overshoot_angle", "second_overshoot_time", "third_overshoot_angle", "period"}),
             (200.0 + SWITCH - 1.0, {"third_overshoot_angle", "period"}),
             (249.0, {"third_overshoot_angle"}),

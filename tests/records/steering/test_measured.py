@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.records.steering.measured import align_to_first_execute, measured_indices
+from pymc_ship.records.steering.measured import align_to_first_execute, measured_indices, order_delay, order_sentence
 from tests.physics.manoeuvre.cases import measured as noisy_record
 from tests.physics.manoeuvre.cases import scaled, simulated, steered_by_hand
 from tests.ships.forecasting.cases import MANOEUVRES, case, trial
@@ -126,7 +126,7 @@ class TestMeasuredIndices:
             if k < 2:
                 assert indices[f"{name}_overshoot_time"] == pytest.approx(time[peak] - orders[k], abs=1.0), name
         assert indices["period"] == pytest.approx(orders[2] - orders[0], abs=0.6)
-        assert indices["initial_turning_time"] == pytest.approx(time[np.argmax(psi >= 20.0)], abs=0.6)
+        assert indices["initial_turning_time"] == pytest.approx(time[np.argmax(psi >= 20.0)] + delay, abs=0.6)
 
     def test_reversals_within_a_degree_of_their_mean_are_those_of_an_autopilot(self):
         """They scatter by more than a degree in all; overshoots count from the heading that was ordered."""
@@ -150,3 +150,34 @@ class TestMeasuredIndices:
         indices = measured_indices(noisy_record(simulated(vessel, cut, ship_times=50.0)), circle.attrs)
         for name in ("steady_yaw_rate", "steady_turning_diameter", "steady_speed"):
             assert indices[name] == pytest.approx(whole[name], rel=0.03), name
+
+
+class TestOrderOfTheFirstExecute:
+    def record(self, lag, seed=None):
+        """A turn after an approach of 60 s, with the ordered rudder ``lag`` [s] before its first movement."""
+        run = simulated(scaled("kvlcc2", 160.0, 20.0), ps.turning_circle(35), ship_times=24.0)
+        record = noisy_record(run, 60.0, seed=seed)
+        ordered = np.where(record["time"].values >= 60.0 - lag, np.deg2rad(35.0), 0.0)
+        return run, record.assign(delta_command=("time", ordered))
+
+    @pytest.mark.parametrize("lag", [0.0, 3.0])
+    @pytest.mark.parametrize("seed", [None, 3])
+    def test_a_recorded_order_is_used_and_overrules_what_is_stated(self, lag, seed):
+        run, record = self.record(lag, seed)
+        assert order_delay(record, 9.0) == pytest.approx(lag, abs=0.5)
+        times = measured_indices(record, ps.turning_circle(35).attrs | {"rudder_delay": 9.0})
+        exact = ps.indices(run.assign_attrs(rudder_delay=lag))
+        for name, bound in {"time_to_90": 1.0, "time_to_180": 1.5, "advance": 6.0}.items():
+            assert times[name] == pytest.approx(float(exact[name]), abs=bound), name
+
+    def test_without_a_recorded_order_it_is_as_stated(self):
+        record = self.record(3.0)[1].drop_vars("delta_command")
+        assert (order_delay(record, 2.0), order_delay(record, np.nan)) == (2.0, 0.0)
+
+    def test_a_command_that_never_steps_is_no_order(self):
+        _, record = self.record(3.0)
+        assert order_delay(record.assign(delta_command=0.0 * record["delta"]), 2.0) == 2.0
+
+    def test_the_sentence_gives_both_definitions(self):
+        assert "2.5 s (20 m)" in order_sentence(2.5, 8.0)
+        assert "first movement" in order_sentence(0.0, 8.0)

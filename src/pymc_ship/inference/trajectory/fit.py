@@ -322,7 +322,15 @@ def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLER
     for row, run in zip(gradients, point.runs, strict=True):
         shared = run.indices[: problem.n_coefficients]
         row[shared] = run.gradient[: shared.size]
-    return TrajectoryFit(problem, unknowns, square_root, residuals, gradients, point.log_likelihood, log_evidence)
+    return TrajectoryFit(
+        problem=problem,
+        unknowns=unknowns,
+        square_root=square_root,
+        residuals=residuals,
+        gradients=gradients,
+        log_likelihood=point.log_likelihood,
+        log_evidence=log_evidence,
+    )
 
 
 @dataclass(frozen=True)

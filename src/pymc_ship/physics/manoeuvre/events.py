@@ -19,12 +19,16 @@ class SteadyTurn(NamedTuple):
 
 
 class Record:
-    """One run up to its divergence: time, motion, and interpolants of heading and track."""
+    """One run up to its divergence: time, motion, and interpolants of heading and track.
 
-    def __init__(self, time: np.ndarray, motion: dict[str, np.ndarray]):
+    The first sample is the first movement of the rudder, ``delay`` [s] after its order; the course is straight until
+    then.
+    """
+
+    def __init__(self, time: np.ndarray, motion: dict[str, np.ndarray], delay: float = 0.0):
         good = np.isfinite(motion["psi"])
         end = good.size if good.all() else int(np.argmin(good))
-        self.time = time[:end]
+        self.time, self.ordered_at = time[:end], time[0] - delay
         self.motion = {name: values[:end] for name, values in motion.items()}
         psi, upright = self.motion["psi"], np.cos(self.motion["phi"])
         surge, sway = self.motion["u"], self.motion["v"] * upright
@@ -67,18 +71,21 @@ class Record:
         return float(np.abs(self.motion[name]).max())
 
     def distance(self, until: float) -> float:
-        """Distance run [m] up to a time: how far the positions advance along the velocity; their noise cancels."""
+        """Distance run [m] since the order: how far the positions advance along the velocity; their noise cancels."""
         path = np.append(self.time[self.time < until], until)
         x, y = (np.diff(self.at(name, path)) for name in ("x", "y"))
         middle = 0.5 * (path[1:] + path[:-1])
         north, east = (np.interp(middle, self.time, rate) for rate in (self.x_dot, self.y_dot))
         velocity = (north + 1j * east)[north**2 + east**2 > 0.0]
         advanced = (x + 1j * y)[north**2 + east**2 > 0.0] * np.conj(velocity) / np.abs(velocity)
-        return float(np.abs(advanced.sum()))
+        before = (self.time[0] - self.ordered_at) * np.hypot(self.x_dot[0], self.y_dot[0])
+        return float(np.abs(advanced.sum()) + before)
 
     def displacement(self, when: float) -> tuple[float, float]:
-        """Position [m] at a time, counted from the first one: along the first heading, and to starboard of it."""
-        north, east = (self.at(name, when) - self.motion[name][0] for name in ("x", "y"))
+        """Position [m] at a time, counted from that of the order: along the first heading, and to starboard of it."""
+        delay = self.time[0] - self.ordered_at
+        origin = {"x": self.motion["x"][0] - delay * self.x_dot[0], "y": self.motion["y"][0] - delay * self.y_dot[0]}
+        north, east = (self.at(name, when) - start for name, start in origin.items())
         course = self.motion["psi"][0]
         return north * np.cos(course) + east * np.sin(course), east * np.cos(course) - north * np.sin(course)
 

@@ -21,7 +21,8 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     trial : Dataset, dims (time,) or (draw, time)
         u, v [m/s], r [rad/s], phi, psi [rad] and x, y [m]; psi of a zigzag counts from its base course. ``attrs`` hold
         ``manoeuvre``, ``heading_deg`` and ``side``, as :func:`pymc_ship.simulate` writes them. Denoise a noisy record
-        first (:func:`pymc_ship.denoise`): its peaks are too high by about the noise.
+        first (:func:`pymc_ship.denoise`): its peaks are too high by about the noise. The rudder moves first at the
+        first sample; times and distances count from its order, ``attrs["rudder_delay"]`` [s] before.
     manoeuvre : str, optional
         Name of the kind, which overrides ``attrs["manoeuvre"]``: ``zigzag``, ``turning_circle``.
 
@@ -60,7 +61,8 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     check_trial(run, channels, uniform=False)
     runs = trial if "draw" in trial.dims else trial.expand_dims("draw")
     records = zip(*(runs[name].transpose("draw", "time").values for name in channels), strict=True)
-    ships = [Record(runs["time"].values, dict(zip(channels, record, strict=True))) for record in records]
+    time, delay = runs["time"].values, float(np.nan_to_num(trial.attrs.get("rudder_delay", 0.0)))
+    ships = [Record(time, dict(zip(channels, record, strict=True)), delay) for record in records]
     rolls = "roll" in trial.attrs.get("dofs", "roll").split()
     modelled = {name: index for name, index in kind.indices.items() if rolls or not needs_roll(index)}
     rows = [kind.measure(ship, trial.attrs) if ship.time.size > 1 else {} for ship in ships]

@@ -23,12 +23,12 @@ _AFTER = 0.5  # of the time of the turn, least time amidships of a pull-out
 
 
 def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
-    """Indices that the record reaches; headings and distances count from the first sample."""
+    """Indices that the record reaches; headings count from the first sample, times and distances from the order."""
     side, course = SIDES[attrs["side"]], record.motion["psi"][0]
     indices: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
     for angle in (90, 180):
         when = record.crossing(math.radians(angle) + side * course, side)
-        indices[f"time_to_{angle}"] = when - record.time[0]
+        indices[f"time_to_{angle}"] = when - record.ordered_at
         if math.isfinite(when):
             ahead, abeam = record.displacement(when)
             across = side * abeam

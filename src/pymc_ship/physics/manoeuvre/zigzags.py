@@ -23,7 +23,7 @@ def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
     indices: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
     switch = record.crossing(heading, side)
     if not by_hand or side * record.at("psi", by_hand[0]) > heading - BY_HAND:
-        indices["initial_turning_time"] = switch - record.time[0]
+        indices["initial_turning_time"] = switch - record.ordered_at
         if math.isfinite(switch):
             indices["initial_turning_distance"] = record.distance(switch)
     switches = list(by_hand[:1]) or [switch]
@@ -36,6 +36,8 @@ def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
         if count < 2:
             indices[f"{name}_overshoot_time"] = peak - switch
         side = -side
+        if count == 0:
+            indices["reach"] = record.crossing(0.0, side, after=peak) - record.ordered_at
         if by_hand and count + 1 == len(by_hand):
             break
         switches.append(by_hand[count + 1] if by_hand else record.crossing(heading, side, after=peak))
@@ -77,6 +79,7 @@ ZIGZAG = ManoeuvreKind(
         "second_overshoot_time": Index("time", scored=True),
         "initial_turning_time": Index("time", scored=True),
         "initial_turning_distance": Index("distance", TRACK, scored=True),
+        "reach": Index("time"),
         "period": Index("time", scored=True),
         "maximum_roll_angle": Index("roll", ("phi",), scored=True),
     },

@@ -11,7 +11,13 @@ import xarray as xr
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.manoeuvre.steering_record import base_course, first_execute, is_manoeuvre, rudder_reversals
+from pymc_ship.physics.manoeuvre.steering_record import (
+    base_course,
+    first_execute,
+    fixed_rudder_intervals,
+    is_manoeuvre,
+    rudder_reversals,
+)
 from pymc_ship.physics.manoeuvre.zigzags import BY_HAND
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import MIN_LENGTH, denoise
@@ -65,14 +71,17 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str
     return indices_of_denoised(denoise_motion(measured), attrs)
 
 
-def measured_criteria(trial: xr.Dataset, manoeuvre: Manoeuvre, vessel: Vessel | None) -> list[dict[str, Any]]:
+def measured_criteria(
+    trial: xr.Dataset, manoeuvre: Manoeuvre, vessel: Vessel | None, delay: float = 0.0
+) -> list[dict[str, Any]]:
     """Rows of the measured indices: index, value, unit, limit of IMO MSC.137(76) and verdict, empty without one.
 
-    Without a vessel, limits that depend on L over the approach speed are given for ships of 10 s and 30 s.
+    Without a vessel, limits that depend on L over the approach speed are given for ships of 10 s and 30 s. ``delay``:
+    as for :func:`order_delay`, where the order is not recorded.
     """
     L, speed = (vessel.particulars.L if vessel else np.nan), manoeuvre.approach_speed or np.nan
     ratios = (L / speed, L / speed) if vessel else _RATIOS
-    attrs = manoeuvre.attrs | {"approach_speed": speed}
+    attrs = manoeuvre.attrs | {"approach_speed": speed, "rudder_delay": delay}
     ends = [{name: (limit, unit) for name, limit, unit in manoeuvre.traits.limits(attrs, ratio)} for ratio in ratios]
     rows = []
     for name, value in measured_indices(trial, attrs).items():
@@ -97,9 +106,9 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
     if "psi" not in trial or trial.sizes["time"] < 3:
         return {}
     has = set(trial.data_vars)
-    settings = dict(attrs)
+    settings = dict(attrs) | {"rudder_delay": order_delay(smooth, attrs.get("rudder_delay", 0.0))}
     if "delta" in has and kind.swings:
-        settings |= _hand_steered_reversals(trial, attrs)
+        settings |= _hand_steered_reversals(trial, settings)
     elif "delta" in has and kind.circles:
         trial = trial.isel(time=slice(0, int(np.flatnonzero(is_manoeuvre(trial))[-1]) + 1))
     time, psi = trial["time"].values, trial["psi"].values
@@ -116,6 +125,31 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
     table = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, settings))
     measurable = {str(name): has.issuperset(kind.indices[str(name)].needs) for name in table}
     return {name: float(table[name]) if ok else np.nan for name, ok in measurable.items()}
+
+
+def order_delay(trial: xr.Dataset, stated: float) -> float:
+    """Time [s] from the order of the first execute to the movement: recorded as ``delta_command``, else as stated or 0.
+
+    The recorded order is the last step of the command, by half the largest angle or more, before the rudder is over.
+    """
+    intervals = fixed_rudder_intervals(trial["delta"].values) if "delta" in trial else []
+    if intervals and "delta_command" in trial:
+        command, time = trial["delta_command"].values, trial["time"].values
+        steps = np.abs(np.diff(command)) >= 0.5 * np.nanmax(np.abs(command), initial=1e-9)
+        orders = time[1:][steps & (time[1:] <= time[intervals[0][0]])]
+        if orders.size:
+            return max(first_execute(trial) - float(orders[-1]), 0.0)
+    return float(np.nan_to_num(stated))
+
+
+def order_sentence(delay: float, speed: float) -> str:
+    """Sentence on the begin of times and distances; ``speed`` [m/s] of the approach."""
+    return (
+        f"Advance, transfer, distances and times count from the rudder order, {delay:.3g} s ({delay * speed:.3g} m) "
+        "before the rudder moves."
+        if delay > 0.0
+        else "Advance, transfer, distances and times count from the first movement of the rudder."
+    )
 
 
 def _hand_steered_reversals(trial: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:

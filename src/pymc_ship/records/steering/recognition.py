@@ -79,10 +79,10 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     return _recognised(trial_list(trials), as_vessel(vessel).particulars.ship_time)
 
 
-def recognised_manoeuvre(trial: xr.Dataset, unit: float) -> Manoeuvre | None:
-    """Manoeuvre of one trial, as by :func:`recognise`, of a ship that covers its length in ``unit`` [s]."""
-    (manoeuvre,), _ = _recognised([trial], unit)
-    return manoeuvre
+def recognised_manoeuvre(trial: xr.Dataset, unit: float) -> tuple[Manoeuvre | None, Steering]:
+    """Manoeuvre and gear of one trial, as by :func:`recognise`, of a ship that covers its length in ``unit`` [s]."""
+    (manoeuvre,), steering = _recognised([trial], unit)
+    return manoeuvre, steering
 
 
 def _recognised(trials: Sequence[xr.Dataset], unit: float) -> tuple[list[Manoeuvre | None], Steering]:

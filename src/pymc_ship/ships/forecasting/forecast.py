@@ -17,6 +17,7 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
+from pymc_ship.records.steering.measured import order_sentence
 from pymc_ship.records.steering.recognition import Steering, with_steering
 from pymc_ship.ships.ensemble.draws import Models, suitable_models, thinned_draws
 from pymc_ship.ships.ensemble.feasibility import is_feasible
@@ -125,9 +126,11 @@ def forecast(
     data: dict[str, Any] = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
     data["growth"] = ship.growth_at
     tree = pooled_forecast(models, manoeuvre, rng=rng, **data, **settings)
-    tree.attrs["steering"] = _steering_sentence(models[0][0], ship.facilities, facility)
-    if facility is not None:
-        tree.attrs["steering"] += f" The approach is at {tree.attrs['approach_speed']:.4g} m/s."
+    approach = tree.attrs["approach_speed"]
+    sentences = [_steering_sentence(models[0][0], ship.facilities, facility)]
+    sentences += [order_sentence(tree.attrs["rudder_delay"], approach)] if manoeuvre.traits.indices else []
+    sentences += [f"The approach is at {approach:.4g} m/s."] if facility is not None else []
+    tree.attrs["steering"] = " ".join(sentences)
     tree.attrs["share_refused"] = 1.0 - tree.attrs["draws"] / sum(len(rows) for _, rows in drawn)
     return tree
 

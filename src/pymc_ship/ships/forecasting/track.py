@@ -179,6 +179,7 @@ def _dimensions(
 ) -> None:
     """Marks at 90 and 180 deg; advance, transfer and tactical diameter with intervals."""
     advance, transfer = ranges
+    ordered_at = np.array([0.0, -tree.attrs["rudder_delay"] * tree.attrs["approach_speed"] / plan.L])
     marks = {(label, angle): _position_at(ship, angle) for ship, _, label in named for angle in (90.0, 180.0)}
     for (label, angle), position in marks.items():
         if position is not None:
@@ -192,7 +193,8 @@ def _dimensions(
     for name, (angle, axis) in {"advance": (90.0, 0), "transfer": (90.0, 1), "tactical_diameter": (180.0, 1)}.items():
         if (position := marks["median ship", angle]) is not None:
             text = _dimension_text(tree, name, plan.L, measured.get(name, np.nan) / plan.L)
-            _dimension(plan.ax, np.array([position[1], position[0]]) / plan.L, levels[name], text, vertical=axis == 0)
+            mark = np.array([position[1], position[0]]) / plan.L
+            _dimension(plan.ax, (ordered_at, mark), levels[name], text, vertical=axis == 0)
 
 
 def _dimension_text(tree: xr.DataTree, name: str, L: float, measured: float) -> str:
@@ -202,10 +204,10 @@ def _dimension_text(tree: xr.DataTree, name: str, L: float, measured: float) -> 
     return f"{name.replace('_', ' ')} {median} L\n({lower} to {upper}){measured_line}"
 
 
-def _dimension(ax: Axes, mark: np.ndarray, level: float, text: str, *, vertical: bool) -> None:
-    """Dimension line from the start of the manoeuvre to a mark, drawn aside at a level, with extension lines."""
-    ends = np.array([(level, 0.0), (level, mark[1])] if vertical else [(0.0, level), (mark[0], level)])
-    for corner, foot in zip((np.zeros(2), mark), ends, strict=True):
+def _dimension(ax: Axes, corners: tuple[np.ndarray, np.ndarray], level: float, text: str, *, vertical: bool) -> None:
+    """Dimension line between two points, drawn aside at a level, with extension lines."""
+    ends = np.array([(level, y) if vertical else (x, level) for x, y in corners])
+    for corner, foot in zip(corners, ends, strict=True):
         ax.plot(*np.column_stack([corner, foot]), color=REFERENCE, lw=0.6, ls=":", zorder=2)
     arrow = {"arrowstyle": "<->", "lw": 0.9, "color": REFERENCE, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", tuple(ends[1]), tuple(ends[0]), arrowprops=arrow)

@@ -18,6 +18,7 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.sides import mirror_remarks
+from pymc_ship.records.steering.measured import order_delay, order_sentence
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
 from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping
@@ -144,11 +145,14 @@ def sea_trial(
     progress("current")
     one_day = "date" in trial_conditions.form
     currents, current_remarks = _currents(records, manoeuvres, winds, model, one_day=one_day)
-    rows = []
+    rows: list[dict] = []
+    begins: dict[str, list[str]] = {}
     for name, manoeuvre in manoeuvres.items():
         progress(f"indices of {name}")
         delay = facilities[facility_of(records[name])].rudder_delay
-        settings: dict[str, Any] = {"rudder_delay": float(np.nan_to_num(delay)), "current": currents.get(name)}
+        delay = order_delay(records[name], delay)
+        begins.setdefault(order_sentence(delay, manoeuvre.approach_speed or np.nan), []).append(name)
+        settings: dict[str, Any] = {"rudder_delay": delay, "current": currents.get(name)}
         settings |= {"wind": corrected_winds.get(name), "model": model, "rng": rng}
         run_indices = corrected_indices(records[name], manoeuvre, vessel, **settings)
         rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in run_indices]
@@ -171,7 +175,13 @@ def sea_trial(
         form=form_rows(rows),
         spirals=spirals,
         turns=steady_turns(ship) if spirals and ship is not None else None,
-        remarks=(*mirror_remarks(records), *remarks, *model_remarks, *current_remarks),
+        remarks=(
+            *mirror_remarks(records),
+            *remarks,
+            *model_remarks,
+            *current_remarks,
+            *(f"{', '.join(names)}: {sentence}" for sentence, names in begins.items()),
+        ),
     )
 
 
