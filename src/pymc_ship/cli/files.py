@@ -28,7 +28,7 @@ Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str] | tuple[str, Path | None, str, int]
 
 _RESULTS = (".csv", ".html", ".json")  # files of a result that have the command that made them
-_NOT_RECORDED = ("command", "force", "out", "quiet", "write_format")
+_NOT_RECORDED = ("command", "force", "join", "out", "quiet", "write_format")
 
 
 def vessel_argument(source: str, progress: Progress) -> Vessel:
@@ -44,6 +44,17 @@ def model_argument(source: str, progress: Progress) -> Vessel:
     vessel = vessel_argument(source, progress)
     vessel.check_model()
     return vessel
+
+
+def check_joined(args: argparse.Namespace) -> None:
+    """Raise TrialError for a folder as a trial without ``--join``."""
+    facilities = (path for _, *paths in getattr(args, "facility", None) or () for path in paths)
+    named = [getattr(args, "trial", ""), *getattr(args, "trials", ()), *getattr(args, "measured", ()), *facilities]
+    folder = next((path for path in named if path and os.path.isdir(path)), "")
+    if folder and not getattr(args, "join", True):
+        raise TrialError(
+            f"A trial is a file, found the folder {folder}; name its files, or add --join if they are one run."
+        )
 
 
 def trial_argument(path: str, layout: str | None, progress: Progress) -> xr.Dataset:

@@ -98,8 +98,9 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
 
 def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:
     """Run the function of a command."""
-    from pymc_ship.cli.files import check_replaced
+    from pymc_ship.cli.files import check_joined, check_replaced
 
+    check_joined(args)
     check_replaced(args)
     room = import_module(f"pymc_ship.cli.{'ship_commands' if args.command in _SHIP_COMMANDS else 'commands'}")
     return getattr(room, args.command.replace("-", "_"))(args, progress)

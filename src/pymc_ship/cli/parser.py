@@ -147,6 +147,7 @@ def _add_trial(command: Parser, name: str = "trial", **settings: Any) -> None:
 
 def _add_format(command: Parser) -> None:
     command.add("--format", "format file of TRIAL: columns, units, signs, frame, scale", metavar="FILE.toml")
+    command.add("--join", "a TRIAL may be a folder, whose files are one run", False, action="store_true")
 
 
 def _add_overrule(command: Parser) -> None:

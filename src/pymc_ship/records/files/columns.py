@@ -209,6 +209,25 @@ def _candidates(
     return left_out, candidates_by_channel
 
 
+def clock_column(headings: Sequence[str], units: Sequence[str], stated: str, where: str) -> tuple[int, str]:
+    """Index of the column of time, ``stated`` by its heading or known by it, and its unit; TrialError without one."""
+    named = [k for k, heading in enumerate(headings) if heading == stated]
+    named = named or [k for k, heading in enumerate(headings) if TIME in _channels_named(_name_and_unit(heading)[0])]
+    if not named:
+        raise TrialError(
+            f"{where}: each file of a run has a column of time, found {', '.join(headings)!r}; rename one to time, or "
+            "take the file out of the folder."
+        )
+    index = min(named, key=lambda k: _clock_rank(headings[k]))
+    return index, _name_and_unit(headings[index])[1] or units[index]
+
+
+def _clock_rank(heading: str) -> int:
+    """Rank of a heading among those of time, the usual one first."""
+    name, ranks = _name_and_unit(heading)[0], (TIME.name, *TIME.headings)
+    return ranks.index(name) if name in ranks else 0
+
+
 def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[str]:
     read = [
         f"{c.channel} from {c.heading!r}" + (f" in {c.unit}" if c.stated else "")
@@ -222,8 +241,7 @@ def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[s
 def _single_column(channel: str, columns: list[Column], where: str) -> Column:
     candidates = [column for column in columns if column.heading == channel] or columns
     if channel == TIME.name:  # clocks of a file show the same time
-        ranks = (TIME.name, *TIME.headings)
-        return min(candidates, key=lambda column: ranks.index(_name_and_unit(column.heading)[0]))
+        return min(candidates, key=lambda column: _clock_rank(column.heading))
     if len(candidates) > 1:
         names = ", ".join(repr(column.heading) for column in candidates)
         raise TrialError(

@@ -32,7 +32,7 @@ def longest_fill(time: np.ndarray) -> float:
 
 def interpolated(name: str, at: np.ndarray, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Channel at other stamps: linear; an ordered rudder keeps its last value, the wind turns the short way."""
-    if name == "delta" and _is_ordered(values):
+    if name in ("delta", "delta_command") and _is_ordered(values):
         last = np.searchsorted(stamps, at + 1e-9 * np.ptp(stamps), side="right") - 1
         return values[np.clip(last, 0, None)]
     if name == "wind_direction":

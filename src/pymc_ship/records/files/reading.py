@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import xarray as xr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
-from pymc_ship.records.files.columns import ROS, Column, is_unit, matched_columns
+from pymc_ship.records.files.columns import ROS, Column, clock_column, is_unit, matched_columns
 from pymc_ship.records.files.format import (
     TrialFormat,
     at_origin,
@@ -41,7 +42,7 @@ _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inve
 
 
 def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a trial from a file: text, NMEA 0183, Parquet, xlsx, NetCDF, MAT or a bag of ROS.
+    """Read a trial from a file, text, NMEA 0183, Parquet, xlsx, NetCDF, MAT or a bag of ROS, or from several.
 
     Columns are recognised by their headings: names of channels, in SI units unless stated (``u``, ``psi [deg]``,
     ``n_rpm``), or words such as ``Heading (deg)``. Uneven time and short gaps are interpolated, and reported.
@@ -50,7 +51,8 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     ----------
     path : str or Path
         Text (delimiters are comma, semicolon, tab or white space; lines that begin with # or % are comments), or a
-        table of another format, known by its content, whose columns have the headings of a text file.
+        table of another format, known by its content, whose columns have the headings of a text file. Or a folder: the
+        files of one run by the same clock, such as one for each sensor, are joined.
     format : str, Path or mapping, optional
         TOML file, or its table, with columns, units, signs, frame and scale; see docs/reference/format_toml.md.
 
@@ -108,6 +110,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
         time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, str(path))
     else:
         time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels)
+    if table.begins:
+        time, quantum, channels = _in_order(time, quantum, channels, table.begins)
     time, channels, time_notes, lost = regular(time, quantum, channels, str(path))
     notes = [
         *table.notes,
@@ -147,7 +151,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
 class TextTable:
     """Headings, units, rows of cells, line number of each row, notes, and the side of the rudder if the file has it.
 
-    ``shows_axes``: whether a file of its kind has axes of its own, that of a logger or of this package.
+    ``shows_axes``: whether a file of its kind has axes of its own, that of a logger or of this package. ``begins``: the
+    first row of each file, for a table of several.
     """
 
     headings: list[str]
@@ -157,6 +162,7 @@ class TextTable:
     notes: list[str]
     rudder_positive: str = ""
     shows_axes: bool = False
+    begins: dict[str, int] = field(default_factory=dict)
 
 
 def _text(path: Path) -> str:
@@ -167,7 +173,9 @@ def _text(path: Path) -> str:
 
 
 def text_table(path: Path, layout: TrialFormat) -> TextTable:
-    """Header, units and rows of a file; TrialError if it cannot be read or is not a table."""
+    """Header, units and rows of a file or of those of a folder; TrialError if one cannot be read or is not a table."""
+    if os.path.isdir(path):  # False for a name that no file can have
+        return _joined_table(path, layout)
     if columns := binary_columns(path):
         texts = {name: cell_texts(values) for name, (values, _) in columns.items()}
         return _table_of_columns(texts, {name: unit for name, (_, unit) in columns.items()}, [])
@@ -204,6 +212,51 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     own = bool(stated) and not any(ASSUMED in line for _, line in comments)
     cells, at = [row for _, row in whole], [number for number, _ in whole]
     return TextTable(headings, units, cells, lines=at, notes=notes, rudder_positive=stated, shows_axes=own)
+
+
+def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
+    """Rows of the files of a folder, one file after the other; a heading of a second file has its name before it."""
+    files = [one for one in sorted(folder.iterdir()) if one.is_file() and one.suffix != ".toml" and one.name[0] != "."]
+    if len(files) < 2:
+        raise TrialError(f"{folder}: a folder of one run has two files or more, found {len(files)}; name the file.")
+    headings, units, clocks = [""], [""], {}
+    joined = TextTable(headings, units, rows=[], lines=[], notes=[])
+    stated, size, side, own = layout.columns.get("time", {}).get("column", ""), 0, "", False
+    for file in files:
+        table = _with_nanoseconds(text_table(file, layout))
+        clock, clocks[file.name] = clock_column(table.headings, table.units, stated, str(file))
+        headings[0], units[0] = headings[0] or table.headings[clock], units[0] or table.units[clock]
+        side, own = side or table.rudder_positive, own or table.shows_axes
+        targets, begin = [k for k, heading in enumerate(table.headings) if heading and k != clock], len(headings)
+        names = [table.headings[k] for k in targets]
+        headings += [f"{file.stem}.{name}" if name in headings else name for name in names]
+        units += [table.units[k] for k in targets]
+        joined.begins[file.name], size = len(joined.rows), size + len(table.rows)
+        check_size(folder, [size] * len(headings))
+        joined.rows.extend([row[clock], *[""] * (begin - 1), *(row[k] for k in targets)] for row in table.rows)
+        joined.lines.extend(table.lines)
+        joined.notes.extend(f"{file.name}: {note}" for note in [f"{len(table.rows)} rows.", *table.notes])
+    if len(set(clocks.values())) > 1:
+        found = ", ".join(f"{unit or 'no unit'} in {name}" for name, unit in clocks.items())
+        raise TrialError(f"{folder}: the time of the files of a run has one unit, found {found}; state the same one.")
+    rows = [row + [""] * (len(headings) - len(row)) for row in joined.rows]
+    return replace(joined, rows=rows, rudder_positive=side, shows_axes=own)
+
+
+def _in_order(
+    time: np.ndarray, quantum: np.ndarray, channels: dict[str, np.ndarray], begins: Mapping[str, int]
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Rows of several files in the order of time; TrialError where the time of one goes back."""
+    bounds = [*begins.values(), time.size]
+    for name, begin, end in zip(begins, bounds[:-1], bounds[1:], strict=True):
+        steps = np.diff(time[begin:end][np.isfinite(time[begin:end])])
+        if (steps < 0.0).any():
+            raise TrialError(
+                f"{name}: the time of a file that is joined to others must not go back, found a step of "
+                f"{steps.min():.4g} s; mend its clock, or take the file out of the folder."
+            )
+    order = np.argsort(time, kind="stable")
+    return time[order], quantum[order], {name: values[order] for name, values in channels.items()}
 
 
 def _table_of_columns(

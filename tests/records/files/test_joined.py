@@ -1,0 +1,100 @@
+"""A run whose sensors have a file each, joined on one base of time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.cli.main import main
+from pymc_ship.machine.errors import TrialError
+from tests.sentences import refused
+
+UNITS = {"psi": "deg", "r": "deg/s", "delta": "deg"}
+SENSORS = {"gps": (("u", "v", "x", "y"), 4, 0.0), "gyro": (("psi", "r"), 1, 0.0), "rudder": (("delta",), 2, 0.05)}
+"""Channels, samples of 0.25 s a row, and how much later [s] the clock of each is read."""
+
+
+@pytest.fixture(scope="module")
+def run():
+    """A 20/20 zigzag, sampled finely."""
+    vessel = ps.load_vessel("kvlcc2")
+    return ps.simulate(vessel, ps.zigzag(20, 20), duration=600.0, step=0.05, method="rk4")
+
+
+def seconds(time):
+    return [f"{value:.2f}" for value in time]
+
+
+def stamps(time):
+    return [str(np.datetime64("2026-03-01T23:57:00") + np.timedelta64(round(1e3 * value), "ms")) for value in time]
+
+
+def write(folder, run, clock=seconds, heading="time [s]"):
+    """A CSV file of each sensor, with stamps of its own."""
+    folder.mkdir()
+    for sensor, (names, stride, late) in SENSORS.items():
+        time = np.arange(late, 599.0, 0.25 * stride)
+        rows = [",".join([heading, *(f"{name} [{UNITS.get(name, run[name].attrs['units'])}]" for name in names)])]
+        at = run.interp(time=time)
+        columns = [np.rad2deg(at[name].values) if name in UNITS else at[name].values for name in names]
+        for stamp, *cells in zip(clock(time), *columns, strict=True):
+            rows.append(",".join([stamp, *(f"{cell:.6f}" for cell in cells)]))
+        (folder / f"{sensor}.csv").write_text("\n".join(rows), "utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(("clock", "heading"), [(seconds, "time [s]"), (stamps, "timestamp")])
+def test_channels_of_all_files_are_on_the_base_of_the_fastest(tmp_path, run, clock, heading):
+    trial = ps.read_trial(write(tmp_path / "run", run, clock, heading))
+    assert float(np.diff(trial["time"]).mean()) == pytest.approx(0.25, rel=1e-6)
+    exact = run.interp(time=trial["time"].values)
+    for name, bound in {"u": 2e-3, "v": 2e-3, "x": 0.05, "y": 0.05, "psi": 1e-4, "r": 1e-5, "delta": 0.03}.items():
+        assert np.abs(trial[name] - exact[name]).max() < bound, name
+    assert "gyro.csv: 2396 rows." in trial.attrs["reading"]
+
+
+def test_a_heading_of_two_files_has_the_name_of_the_second(tmp_path, run):
+    folder = write(tmp_path / "run", run)
+    text = (folder / "gyro.csv").read_text("utf-8")
+    (folder / "gyro2.csv").write_text(text, "utf-8")
+    assert "Columns left out: gyro2.psi [deg], gyro2.r [deg/s]" in ps.read_trial(folder).attrs["reading"]
+    stated = {"columns": {"psi": {"column": "gyro2.psi [deg]"}}}
+    assert "psi from 'gyro2.psi [deg]'" in ps.read_trial(folder, format=stated).attrs["reading"]
+
+
+def test_clocks_of_two_units_are_an_error(tmp_path, run):
+    folder = write(tmp_path / "run", run)
+    text = (folder / "gyro.csv").read_text("utf-8")
+    (folder / "gyro.csv").write_text(text.replace("time [s]", "time [ms]"), "utf-8")
+    with refused(TrialError, "ms", "gyro.csv"):
+        ps.read_trial(folder)
+
+
+def test_a_file_whose_time_goes_back_is_named(tmp_path, run):
+    folder = write(tmp_path / "run", run)
+    lines = (folder / "gps.csv").read_text("utf-8").splitlines()
+    lines[100:140] = lines[60:100]
+    (folder / "gps.csv").write_text("\n".join(lines), "utf-8")
+    with refused(TrialError, "gps.csv"):
+        ps.read_trial(folder)
+
+
+def test_a_file_without_a_clock_is_named(tmp_path, run):
+    folder = write(tmp_path / "run", run)
+    (folder / "notes.txt").write_text("a b\n1 2\n3 4\n5 6\n", "utf-8")
+    with refused(TrialError, "notes.txt"):
+        ps.read_trial(folder)
+
+
+def test_a_folder_needs_two_files(tmp_path):
+    with refused(TrialError, "0"):
+        ps.read_trial(tmp_path)
+
+
+def test_the_command_takes_a_folder_with_the_option_alone(tmp_path, run, capsys):
+    folder = str(write(tmp_path / "run", run))
+    assert main(["check", folder, "--quiet"]) == 2
+    assert "--join" in capsys.readouterr().err
+    assert main(["check", folder, "--join", "--quiet"]) in (0, 4)
+    assert "zigzag 20/20" in capsys.readouterr().out
