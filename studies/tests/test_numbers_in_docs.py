@@ -213,7 +213,6 @@ def of_foreign_ships():
 def of_model_error():
     """Sentences of the page on the model error."""
     angle, time, distance = (value("index_typical", kind) for kind in ("angle", "time", "distance"))
-    u, v, r, psi, x = (value("motion_typical", name) for name in ("u", "v", "r", "psi", "x"))
     held_out = table("kvlcc2/tables/held_out_indices")
     errors = np.array([float(line["error"]) for line in held_out])
     without = int(np.sum(np.abs(errors) < NORMAL_95 * known_sd(held_out)))
@@ -224,10 +223,7 @@ def of_model_error():
         f"| distance | L | {distance} |",
         f"| angle of roll | itself | {constants()['index_typical'].value['roll']:.3f} |",
         f"whose median adds an sd of {value('index_extrapolation_sd')} for each range",
-        f'Of {TRIALS} statements "at most" or "at least"',
-        f"{HITS} were right. A forecast therefore states at most {SUREST}",
-        f"are {u} of the nominal speed for u and {v} for v. For the yaw rate they are {r} U/L, for the heading {psi} "
-        f"rad and for the track {x} L",
+        f"a forecast states at most {SUREST}",
         f"is {float(table('kvlcc2/tables/model_error')[0]['median']):.3f} of the swing of the heading",
         f"intervals of 95 % hold {share(rows('trials')['one 20/20'], 95)} %.",
     ]

@@ -97,7 +97,7 @@ test_trial_errors = wording(
         ]
     ),
     (r"absent.csv cannot be read: No such file", lambda tmp_path: ps.read_trial(tmp_path / "absent.csv")),
-    ("cannot be read: Is a directory", lambda tmp_path: ps.read_trial(tmp_path)),
+    ("has two files or more, found 0", lambda tmp_path: ps.read_trial(tmp_path)),
     ("cannot be read: it is not UTF-8 text", partial(read, content=b"time,u\n# 3\xb0\n0,1\n")),
 )
 

@@ -23,6 +23,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.lag import common_lag
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.sides import check_one_side
+from pymc_ship.records.files.tables import bag_of
 
 Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str] | tuple[str, Path | None, str, int]
@@ -50,7 +51,7 @@ def check_joined(args: argparse.Namespace) -> None:
     """Raise TrialError for a folder as a trial without ``--join``."""
     facilities = (path for _, *paths in getattr(args, "facility", None) or () for path in paths)
     named = [getattr(args, "trial", ""), *getattr(args, "trials", ()), *getattr(args, "measured", ()), *facilities]
-    folder = next((path for path in named if path and os.path.isdir(path)), "")
+    folder = next((path for path in named if path and os.path.isdir(bag_of(Path(path)))), "")
     if folder and not getattr(args, "join", True):
         raise TrialError(
             f"A trial is a file, found the folder {folder}; name its files, or add --join if they are one run."

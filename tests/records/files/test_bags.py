@@ -77,6 +77,11 @@ def test_a_bag_is_the_trial_that_was_recorded(run, tmp_path, version):
         )
 
 
+def test_a_folder_with_metadata_is_its_bag(run, tmp_path):
+    path = bag(tmp_path, run, "MCAP")
+    assert ps.read_trial(path.parent, format=RUDDER).identical(ps.read_trial(path, format=RUDDER))
+
+
 def test_a_bag_without_its_metadata_is_refused(run, tmp_path):
     path = bag(tmp_path, run, "MCAP")
     (path.parent / "metadata.yaml").unlink()

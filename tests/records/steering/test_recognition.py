@@ -224,7 +224,8 @@ class TestExecution:
     def test_a_trial_elsewhere_and_later_has_the_same_indices(self, manoeuvre):
         original = trial(manoeuvre)
         later, sooner = moved(original), moved(original, 0.0, (0.0, 0.0), straight=5.0)
-        indices, expected = recorded_indices(later, manoeuvre), recorded_indices(sooner, manoeuvre)
+        delay = tanker().particulars.rudder_delay
+        indices, expected = (recorded_indices(run, manoeuvre, delay) for run in (later, sooner))
         assert np.isfinite(list(expected.values())).all()
         assert indices == pytest.approx(expected, rel=1e-6)
         first = "initial_turning_time" if manoeuvre.kind == "zigzag" else "advance"

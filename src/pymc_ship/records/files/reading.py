@@ -28,7 +28,7 @@ from pymc_ship.records.files.format import (
     with_true_wind,
 )
 from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
-from pymc_ship.records.files.tables import binary_columns, cell_texts, check_size, nmea_columns
+from pymc_ship.records.files.tables import bag_of, binary_columns, cell_texts, check_size, nmea_columns
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, rudder_line
@@ -93,7 +93,7 @@ class FileReading:
 
 def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = None) -> FileReading:
     """Trial of a file as by :func:`read_trial`, with what each column was taken for."""
-    path, layout = Path(path), load_format(format)
+    path, layout = bag_of(Path(path)), load_format(format)
     stated = layout
     table = _with_nanoseconds(text_table(path, layout))
     columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)

@@ -25,10 +25,17 @@ _LONGEST = 30.0  # s
 _MOST_UNPACKED = 4 * MOST_BYTES
 _LONGEST_CELL = 60  # letters
 _SAME_CLOCK = 1_000_000_000  # ns between the stamp of a message and its recording, at most
+_STORAGE = (".db3", ".mcap")  # of ROS 2
 _SHEET_ROWS = 2**20  # of a worksheet
 _MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 5_000_000, 1000, 24_000_000  # of a trial, read in 2 GB
 
 Columns = dict[str, tuple[Any, str]]  # values and unit by heading
+
+
+def bag_of(path: Path) -> Path:
+    """Storage file of the ROS 2 bag that a folder is; the path itself for any other."""
+    bag = os.path.isdir(path) and (path / "metadata.yaml").is_file()
+    return next((one for one in sorted(path.iterdir()) if one.suffix in _STORAGE), path) if bag else path
 
 
 def binary_columns(path: Path) -> Columns | None:
