@@ -205,8 +205,10 @@ def _evidence_maximum(data: RegressionData, prior_type: type[Prior], bounds: np.
     by_gradient = tuple(prior_type.box) == ("shape", "noise_variance", "kappa") and middle.evidence_gradient is not None
     corners = [corner for corner in product((-1, 1), repeat=len(low)) if corner.count(1) % 2 == 0]
     starts = 0.5 + 0.25 * np.array([[0] * len(low), *corners])
-    options = {"ftol": 1e-13, "maxiter": 200} | ({} if by_gradient else {"eps": 1e-6})
-    prior = _prior(prior_type, low + width * _minimise(loss, starts, options, by_gradient=by_gradient))
+    options = {"maxiter": 200} | ({} if by_gradient else {"eps": 1e-6})
+    rough = _minimise(loss, starts, options | {"ftol": 1e-4}, by_gradient=by_gradient)
+    best = _minimise(loss, rough[None], options | {"ftol": 1e-13}, by_gradient=by_gradient)
+    prior = _prior(prior_type, low + width * best)
     return prior, prior.exact(data).log_evidence
 
 
