@@ -32,6 +32,12 @@ def test_regress_writes_posteriors_and_coefficients(made, small, capsys):
         np.testing.assert_array_equal(column(mine, "sd"), exact.sd)
         np.testing.assert_array_equal(column(mine, "quantile_5"), exact.quantiles([0.05])[0])
         np.testing.assert_array_equal(column(mine, "quantile_95"), exact.quantiles([0.95])[0])
+        mean = small.coefficients(dof).copy(data=exact.mean)
+        np.testing.assert_array_equal(column(mine, "mean_bis"), ps.rescale(mean, small, "bis"))
+        if small.particulars.d > 0.0:
+            np.testing.assert_array_equal(column(mine, "mean_mmg"), ps.rescale(mean, small, "mmg"))
+        else:
+            assert np.isnan(column(mine, "mean_mmg")).all()
 
 
 def test_regress_raw_gives_back_the_vessel_of_a_perfect_trial(made, tmp_path, capsys, monkeypatch):

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.tune import bound_text
+from pymc_ship.physics.vessel.rescaling import rescale
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.design.outlook import sentence_without_gain
 from pymc_ship.ships.ensemble.scores import BANDS
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class CoefficientRow(NamedTuple):
-    """Estimate and reference value of a coefficient, prime values."""
+    """Estimate and reference value of a coefficient, prime values; the mean also in the systems bis and MMG."""
 
     dof: str
     family: str
@@ -34,6 +35,8 @@ class CoefficientRow(NamedTuple):
     sd: float
     quantile_5: float
     quantile_95: float
+    mean_bis: float
+    mean_mmg: float
 
 
 def coefficient_rows(vessel: Vessel, family: str, exact: Mapping[str, ExactPosterior]) -> list[CoefficientRow]:
@@ -62,6 +65,9 @@ def trajectory_rows(vessel: Vessel, tree: xr.DataTree) -> list[CoefficientRow]:
 def _rows(vessel: Vessel, dof: str, family: str, columns: Mapping[str, np.ndarray]) -> list[CoefficientRow]:
     reference = vessel.coefficients(dof)
     columns = {"coefficient": reference["coefficient"].values, "reference": reference.values, **columns}
+    mean = reference.copy(data=columns["mean"])
+    mmg = rescale(mean, vessel, "mmg") if vessel.particulars.d > 0.0 else np.nan * mean
+    columns |= {"mean_bis": rescale(mean, vessel, "bis").values, "mean_mmg": mmg.values}
     lines = zip(*(column.tolist() for column in columns.values()), strict=True)
     return [CoefficientRow(dof=dof, family=family, **dict(zip(columns, line, strict=True))) for line in lines]
 
