@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -37,11 +39,18 @@ class TestRun:
         np.testing.assert_allclose(run.time, 30.05 + 0.2 * np.arange(299), rtol=1e-12)
         assert run.inputs.shape[1] == 599
 
-    @pytest.mark.parametrize(("stride", "block", "substeps"), [(1, 2, 1), (2, 1, 2), (5, 1, 5), (10, 1, 10)])
-    def test_steps_are_a_tenth_of_a_second_at_most(self, container, noisy, stride, block, substeps):
-        run = trajectory_run(noisy.isel(time=slice(None, None, stride)), container)
-        assert (run.block, run.substeps) == (block, substeps)
+    @pytest.mark.parametrize(("stride", "block"), [(1, 2), (2, 1), (5, 1), (10, 1)])
+    @pytest.mark.parametrize(("method", "steps"), [("rk4", 60), ("euler", 240)])
+    @pytest.mark.parametrize("ship_time", [1.0, 22.0, 60.0])
+    def test_steps_are_fractions_of_a_ship_length(self, container, noisy, stride, block, method, steps, ship_time):
+        s = container.particulars
+        ship = replace(container, particulars=replace(s, nominal_speed=s.L / ship_time))
+        run = trajectory_run(noisy.isel(time=slice(None, None, stride)), ship, method=method)
+        assert run.block == block
         assert run.interval == pytest.approx(0.1 * stride)
+        step, longest = run.interval / run.substeps, ship_time / steps
+        assert step <= longest * (1.0 + 1e-9)
+        assert run.substeps == 1 or run.interval / (run.substeps - 1) > longest
 
     def test_channels_are_those_there_are(self, container, noisy):
         assert trajectory_run(noisy, container).channels == ("u", "v", "r", "p", "phi")

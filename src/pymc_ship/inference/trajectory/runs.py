@@ -19,7 +19,7 @@ from pymc_ship.trial.channels import CHANNELS, channel_names, default_channels
 from pymc_ship.trial.record import as_trial, check_trial, sampling_interval, second_difference_sd
 
 BLOCK = 0.2  # length of a block [s]; faster samples are averaged over it
-LONGEST_STEP = 0.1  # longest integration step [s]
+FEWEST_STEPS = {"rk4": 60, "euler": 240}  # integration steps in L/U_nom
 FEWEST_BLOCKS = 20  # least number of blocks of a record
 
 
@@ -134,7 +134,7 @@ def trajectory_run(
         interval=interval,
         block=block,
         method=method,
-        substeps=int(np.ceil(interval / LONGEST_STEP - 1e-9)),
+        substeps=int(np.ceil(FEWEST_STEPS[method] * interval / vessel.particulars.ship_time - 1e-9)),
         sample_sd=_sample_sd(names, samples, noise_sd or {}),
         nominal_speed=vessel.particulars.nominal_speed,
         rolls="roll" in vessel.dofs,
