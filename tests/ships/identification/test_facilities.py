@@ -105,7 +105,8 @@ def test_a_facility_whose_runs_show_no_gear_is_not_named_as_if_they_did(found, s
     one = replace(ship, index_error={}, facilities=facilities)
     said = ps.forecast(one, RUNS[0], rng=1, facility="basin C").attrs["steering"]
     assert "as at" not in said
-    assert said.endswith(" (no run at basin C reverses the rudder). The approach is at 7.974 m/s.")
+    assert " (no run at basin C reverses the rudder). " in said
+    assert said.endswith(" before the rudder moves. The approach is at 7.974 m/s.")
     assert _steering(replace(found, ship=one), None)[-2] == (
         "No run at basin C reverses the rudder: the steering gear is that of basin A."
     )

@@ -153,7 +153,7 @@ class TestIndices:
     @pytest.mark.parametrize("manoeuvre", [*RUNS, ps.turning_circle(35.0, side="starboard")])
     def test_those_measured_are_those_of_the_record(self, manoeuvre):
         run = trial(manoeuvre, duration=700.0)
-        found, ship = recorded_indices(run, manoeuvre), ps.indices(run)
+        found, ship = recorded_indices(run, manoeuvre, run.attrs["rudder_delay"]), ps.indices(run)
         for name in scored_upright(manoeuvre):
             assert found[name] == pytest.approx(float(ship[name]), rel=0.03), name
 
