@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.cli import commands, ship_commands, words
+from pymc_ship.cli import check, commands, ship_commands, words
 from pymc_ship.cli import parser as command_parser
 from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import LONGEST, parser, sentence
@@ -87,7 +87,9 @@ def subparsers():
 def source_of(name):
     """Source of a command."""
     function = name.replace("-", "_")
-    return inspect.getsource(getattr(ship_commands if hasattr(ship_commands, function) else commands, function))
+    return inspect.getsource(
+        next(getattr(room, function) for room in (check, ship_commands, commands) if hasattr(room, function))
+    )
 
 
 def test_choices_are_those_of_the_api():

@@ -93,13 +93,6 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     return "\n\n".join(filter(None, text)), out
 
 
-def check(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Check a trial, see :func:`pymc_ship.cli.check.check`."""
-    from pymc_ship.cli.check import check as checked
-
-    return checked(args, progress)
-
-
 def _fit_arguments(
     paths: Sequence[str], args: argparse.Namespace, progress: Progress
 ) -> tuple[list[xr.Dataset], Vessel]:

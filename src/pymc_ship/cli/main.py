@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 _ADDRESS_SPACE = 4_000_000_000
 """Smallest address space [bytes] in which the numerical libraries do not abort."""
 
-_SHIP_COMMANDS = ("identify", "forecast", "score", "trial-report", "design")
+_ROOMS = {"check": "check"} | dict.fromkeys(
+    ("identify", "forecast", "score", "trial-report", "design"), "ship_commands"
+)  # of commands that are not in `commands`
 
 _MACHINE = {
     "no locator available": "The cache of compiled functions needs a writable folder, found none; set "
@@ -102,7 +104,7 @@ def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:
 
     check_joined(args)
     check_replaced(args)
-    room = import_module(f"pymc_ship.cli.{'ship_commands' if args.command in _SHIP_COMMANDS else 'commands'}")
+    room = import_module(f"pymc_ship.cli.{_ROOMS.get(args.command, 'commands')}")
     return getattr(room, args.command.replace("-", "_"))(args, progress)
 
 
