@@ -30,13 +30,13 @@ def stamps(time):
     return [str(np.datetime64("2026-03-01T23:57:00") + np.timedelta64(round(1e3 * value), "ms")) for value in time]
 
 
-def write(folder, run, clock=seconds, heading="time [s]"):
-    """A CSV file of each sensor, with stamps of its own."""
+def write(folder, run, clock=seconds, heading="time [s]", delays=None):
+    """A CSV file of each sensor, with stamps of its own, and values that are old by a delay [s]."""
     folder.mkdir()
     for sensor, (names, stride, late) in SENSORS.items():
         time = np.arange(late, 599.0, 0.25 * stride)
         rows = [",".join([heading, *(f"{name} [{UNITS.get(name, run[name].attrs['units'])}]" for name in names)])]
-        at = run.interp(time=time)
+        at = run.interp(time=np.maximum(time - (delays or {}).get(sensor, 0.0), 0.0))
         columns = [np.rad2deg(at[name].values) if name in UNITS else at[name].values for name in names]
         for stamp, *cells in zip(clock(time), *columns, strict=True):
             rows.append(",".join([stamp, *(f"{cell:.6f}" for cell in cells)]))
@@ -98,3 +98,25 @@ def test_the_command_takes_a_folder_with_the_option_alone(tmp_path, run, capsys)
     assert "--join" in capsys.readouterr().err
     assert main(["check", folder, "--join", "--quiet"]) in (0, 4)
     assert "zigzag 20/20" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("delay", [1.3, -0.7])
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_stated_delay_is_removed(tmp_path, run, sensor, delay):
+    folder = write(tmp_path / "run", run, delays={sensor: delay})
+    names = {name: f"{name} [{UNITS.get(name, run[name].attrs['units'])}]" for name in SENSORS[sensor][0]}
+    stated = {"columns": {name: {"column": heading, "delay": delay} for name, heading in names.items()}}
+    late, trial = ps.read_trial(folder), ps.read_trial(folder, format=stated)
+    for record, bound in ((late, np.inf), (trial, 1.0)):
+        errors = [np.abs(record[name] - run[name].interp(time=record["time"].values))[40:-40].mean() for name in names]
+        sizes = [np.abs(run[name].differentiate("time")).mean() * abs(delay) for name in names]
+        ratio = float(np.max(np.array(errors) / np.array(sizes)))
+        assert ratio < 0.35 * bound, record.attrs["reading"]
+        assert bound < np.inf or ratio > 0.5
+    assert f"the delay of {delay:g} s removed" in trial.attrs["reading"]
+
+
+def test_the_time_has_no_delay(tmp_path, run):
+    folder = write(tmp_path / "run", run)
+    with refused(TrialError, "delay"):
+        ps.read_trial(folder, format={"columns": {"time": {"column": "time [s]", "delay": 1.0}}})

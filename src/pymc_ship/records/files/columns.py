@@ -39,9 +39,13 @@ CODES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
 """Cells as numbers of their unit, by code; ``ais`` is 4.733 times the root of a rate of turn in deg/min."""
 
 
+SETTINGS = ("sign", "offset", "code", "missing", "delay")
+"""Settings of a column that a format file states, beside its heading and unit."""
+
+
 @dataclass(frozen=True)
 class Column:
-    """A column of a file: ``value = factor (sign cell + offset)`` in SI units, of the decoded cell.
+    """A column of a file: ``value = factor (sign cell + offset)`` in SI units, of the decoded cell, ``delay`` [s] ago.
 
     ``named_by`` and ``unit_by``: what the channel and the unit are known by; see :data:`SI_UNIT`.
     """
@@ -55,6 +59,7 @@ class Column:
     offset: float = 0.0
     code: str = "none"
     missing: tuple[float, ...] = ()
+    delay: float = 0.0
     named_by: str = "its name"
     unit_by: str = "the heading"
 
@@ -68,9 +73,8 @@ class Column:
         entry: dict[str, Any] = {"column": self.heading}
         if self.stated or self.channel != TIME.name:
             entry["unit"] = self.unit
-        settings = {"sign": self.sign, "offset": self.offset, "code": self.code, "missing": list(self.missing)}
-        defaults = {"sign": 1.0, "offset": 0.0, "code": "none", "missing": []}
-        return entry | {key: value for key, value in settings.items() if value != defaults[key]}
+        settings = {key: getattr(self, key) for key in SETTINGS if getattr(self, key) != getattr(Column, key)}
+        return entry | {key: list(value) if isinstance(value, tuple) else value for key, value in settings.items()}
 
     def si(self, cells: np.ndarray) -> np.ndarray:
         """Values in SI units, NaN for the numbers that stand for missing ones."""
@@ -345,7 +349,7 @@ def _chosen_column(
     factor = channel.unit.factor(unit)
     if factor is None:
         raise TrialError(_unknown_unit(where, wanted, channel, unit))
-    signs = {key: choice[key] for key in ("sign", "offset", "code", "missing") if key in choice}
+    signs = {key: choice[key] for key in SETTINGS if key in choice}
     return Column(
         channel=channel.name,
         index=matched[0],

@@ -13,7 +13,7 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
-from pymc_ship.records.files.columns import CODES, QUATERNION, quantities
+from pymc_ship.records.files.columns import CODES, QUATERNION, SETTINGS, quantities
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import OVER_GROUND
 
@@ -120,10 +120,10 @@ def _format(file: Entry) -> TrialFormat:
 
 
 def _column(entry: Entry, channel: str) -> dict[str, Any]:
-    """Entry of a channel: ``column``, ``sign``, ``offset``, ``missing`` and optionally ``unit`` and ``code``."""
+    """Entry of a channel: ``column``, ``sign``, ``offset``, ``missing``, ``delay``, perhaps ``unit`` and ``code``."""
     if not isinstance(entry.value, Mapping):
         entry = replace(entry, value={"column": entry.value})
-    entry.check_keys(("column", "unit", "sign", "offset", "code", "missing"))
+    entry.check_keys(("column", "unit", *SETTINGS))
     column, unit = entry.value.get("column"), quantities()[channel].unit
     if not isinstance(column, str) or not column.strip():
         entry.fail(f"must be the heading of a column, found {column!r}; correct it.")
@@ -133,12 +133,15 @@ def _column(entry: Entry, channel: str) -> dict[str, Any]:
     sign = entry.at("sign", 1).number()
     if abs(sign) != 1.0:
         entry.at("sign").fail(f"must be 1 or -1, found {sign:g}; correct it.")
+    if channel == "time" and "delay" in entry:
+        entry.at("delay").fail("must be of another column than the time, found it there; state it of each late sensor.")
     if "code" in entry:
         entry.at("code").choice(tuple(CODES))
     stand_ins = entry.value.get("missing", [])
     stand_ins = stand_ins if isinstance(stand_ins, list) else [stand_ins]
     missing = tuple(replace(entry.at("missing"), value=value).number() for value in stand_ins)
-    return {**entry.value, "sign": sign, "offset": entry.at("offset", 0.0).number(), "missing": missing}
+    numbers = {key: entry.at(key, 0.0).number() for key in ("offset", "delay")}
+    return {**entry.value, "sign": sign, **numbers, "missing": missing}
 
 
 def format_text(layout: TrialFormat, remark: str) -> str:

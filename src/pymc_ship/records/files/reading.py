@@ -27,6 +27,7 @@ from pymc_ship.records.files.format import (
     with_signs,
     with_true_wind,
 )
+from pymc_ship.records.files.interpolation import interpolated
 from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
 from pymc_ship.records.files.tables import bag_of, binary_columns, cell_texts, check_size, nmea_columns
 from pymc_ship.records.files.time_base import regular, rounding
@@ -103,13 +104,16 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     clock, stamps = columns["time"], _stamps(table, columns["time"])
     numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
     cells, cell_notes = table_cells(table, numeric, path)
-    channels = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
-    channels, sign_notes = with_signs(channels, layout)
-    channels, layout, ground_notes = with_ground(channels, layout, str(path))
+    raw = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
+    before = layout
+    channels, layout, sign_notes = _in_ship_axes(raw, before, str(path))
     if stamps:
         time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, str(path))
     else:
         time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels)
+    if delays := {name: column.delay for name, column in columns.items() if column.delay}:
+        channels, layout, sign_notes = _in_ship_axes(_undelayed(raw, time, delays), before, str(path))
+        sign_notes += [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
     if table.begins:
         time, quantum, channels = _in_order(time, quantum, channels, table.begins)
     time, channels, time_notes, lost = regular(time, quantum, channels, str(path))
@@ -120,7 +124,6 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
         *cell_notes,
         *_implausible(columns, cells),
         *sign_notes,
-        *ground_notes,
         *time_notes,
     ]
     for to_ship in (at_origin, with_true_wind):
@@ -145,6 +148,30 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     settings = {"rudder_positive": trial.attrs.get(FOUND, side or "auto")}
     settings |= {"columns": {name: column.choice() for name, column in columns.items()}}
     return FileReading(trial, replace(stated, **settings), columns, left_out)
+
+
+def _in_ship_axes(
+    raw: dict[str, np.ndarray], layout: TrialFormat, where: str
+) -> tuple[dict[str, np.ndarray], TrialFormat, list[str]]:
+    """Channels of the columns with the signs of the format, over ground where they are of a receiver; sentences."""
+    channels, sign_notes = with_signs(raw, layout)
+    channels, layout, ground_notes = with_ground(channels, layout, where)
+    return channels, layout, [*sign_notes, *ground_notes]
+
+
+def _undelayed(raw: dict[str, np.ndarray], time: np.ndarray, delays: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Channels with those of a delay [s] as they were at their stamps; NaN where that is later than their last."""
+    channels = dict(raw)
+    for name, delay in delays.items():
+        known = np.flatnonzero(np.isfinite(raw[name] + time))
+        known = known[np.argsort(time[known], kind="stable")]
+        stamps, values = time[known], raw[name][known]
+        values = np.unwrap(values) if name in ("psi", "cog") else values
+        at = stamps + delay
+        inside = (at >= stamps[0]) & (at <= stamps[-1]) if known.size else np.zeros(0, dtype=bool)
+        channels[name] = np.full(time.size, np.nan)
+        channels[name][known[inside]] = interpolated(name, at[inside], stamps, values)
+    return channels
 
 
 @dataclass(frozen=True)
