@@ -329,7 +329,9 @@ class TestOtherRuns:
         identified(trials(0)[:1], progress=said.append)
         assert said[0].startswith("term sets ")
         assert said[0].endswith(": fits to all of 1 runs and to all but one")
-        assert len(said) == 3
+        fitted = [sentence for sentence in said if sentence.endswith(" term sets fitted")]
+        assert fitted == [f"{k} of {len(fitted)} term sets fitted" for k in range(1, len(fitted) + 1)]
+        assert fitted and len(said) == 3 + len(fitted)
 
 
 @pytest.mark.consistency

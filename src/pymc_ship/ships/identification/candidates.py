@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 import xarray as xr
@@ -243,13 +244,22 @@ class Refusal:
 
 
 def fit_candidates(
-    names: Sequence[str], training: Training, rng: np.random.Generator
+    names: Sequence[str],
+    training: Training,
+    rng: np.random.Generator,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[Candidate], list[Refusal]]:
     """Candidates of the term sets that can be fitted, and refusals of the others; ``rng`` is not advanced."""
-    root = int(deepcopy(rng).integers(2**63))
+    root, done = int(deepcopy(rng).integers(2**63)), count(1)
+
+    def attempt(name: str, stream: np.random.Generator) -> Candidate | Refusal:
+        result = _attempt(name, training, stream)
+        progress(f"{next(done)} of {len(names)} term sets fitted")
+        return result
+
     streams = [np.random.default_rng([root, k]) for k in range(len(names))]
     with threadpool_limits(limits=1, user_api="blas"):
-        attempts = map_in_threads(lambda name, stream: _attempt(name, training, stream), names, streams)
+        attempts = map_in_threads(attempt, names, streams)
     candidates = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not candidates:

@@ -181,7 +181,7 @@ def identify_ship(
     contradictions = contradicting_runs(by_name, vessel.particulars.L)
     progress(f"term sets {'; '.join(term_set_names)}: fits to all of {len(trials)} runs and to all but one")
     with _with_contradictions(contradictions):
-        candidates, refusals = fit_candidates(term_set_names, training, rng)
+        candidates, refusals = fit_candidates(term_set_names, training, rng, progress)
         fullest_vessel = most_dofs(candidate.vessel for candidate in candidates)
         remarks = [
             *mirror_remarks(by_name),
