@@ -53,7 +53,7 @@ def normal(vessel, scale):
 def plain_information(vessel, trial, sd, n_states=5):
     """Information of coefficients and initial state by the normal equations, straight from the sensitivities."""
     initial = np.append(trial["u"].values[0], np.zeros(n_states - 1))
-    _, jacobian = sensitivities(vessel, trial["delta"].values, initial, interval=STEP, substeps=5)
+    _, jacobian = sensitivities(vessel, trial["delta"].values, initial, interval=STEP, substeps=2)
     rows = [jacobian[("u", "v", "r", "p", "phi", "psi").index(name)] / value for name, value in sd.items()]
     return sum(row.T @ row for row in rows)
 

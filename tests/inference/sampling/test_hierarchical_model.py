@@ -72,7 +72,7 @@ def test_the_page_names_the_coefficients_that_differ(tmp_path):
     assert "Drawn are the coefficient of largest R-hat and the most correlated pair." in text
     assert "rows have a Pareto k above" in text
     assert "Posterior predictive responses, as the tree holds them" in text
-    assert "Not shown: to power the priors of groups" in text
+    assert "Not shown: power-scaling the priors of groups" in text
 
 
 def test_runs_are_grouped():
