@@ -331,7 +331,8 @@ class TestOtherRuns:
         assert said[0].endswith(": fits to all of 1 runs and to all but one")
         fitted = [sentence for sentence in said if sentence.endswith(" term sets fitted")]
         assert fitted == [f"{k} of {len(fitted)} term sets fitted" for k in range(1, len(fitted) + 1)]
-        assert fitted and len(said) == 3 + len(fitted)
+        assert fitted
+        assert len(said) == 3 + len(fitted)
 
 
 @pytest.mark.consistency
