@@ -58,8 +58,12 @@ def test_a_fit_of_trajectories_keeps_the_doubts_on_its_records(made, small, tmp_
     run("fit", skewed, "--vessel", made / "small.toml", "--prior", "sister_ship", "--draws", 40, "--out", tmp_path)
     tree = ps.read_posterior(tmp_path / "trajectory.nc")
     assert tree.attrs["record_verdict"] == "doubtful"
-    assert "Doubtful: gyro offset: r has an offset" in tree.attrs["record_remarks"]
-    assert "Doubtful: gyro offset: r has an offset" in capsys.readouterr().out
+    remarks, printed = tree.attrs["record_remarks"], capsys.readouterr()
+    assert "Doubtful: gyro offset: r has an offset" in remarks
+    assert "; mended: +0.1" in remarks
+    assert "subtract it" not in remarks
+    assert "Doubtful: gyro offset: r has an offset" in printed.out
+    assert printed.err.count("subtracted from r") == 1
 
 
 def test_a_record_that_nobody_judged_is_said_to_be_unchecked(made, small):

@@ -93,7 +93,9 @@ def validated_trials(
             trials[k] = ps.corrected_trial(trials[k], checks[k], args.overrule)
         except TrialError as error:
             raise TrialError(f"{path}: {error}", checks=error.checks) from None
-        for sentence in [*trials[k].attrs["record_remarks"].splitlines(), *trials[k].attrs["corrections"]]:
+        remarks = trials[k].attrs["record_remarks"]
+        others = [correction for correction in trials[k].attrs["corrections"] if correction not in remarks]
+        for sentence in [*remarks.splitlines(), *others]:
             progress(f"{path}: {sentence}", remark=True)
     return trials, checks
 

@@ -39,7 +39,7 @@ class RunRows(NamedTuple):
     @property
     def gradient(self) -> np.ndarray:
         """Gradient of the log likelihood of the run, (n_local,)."""
-        return np.einsum("cb,cbi->i", self.misfit, self.design)
+        return self.design.reshape(-1, self.indices.size).T @ self.misfit.ravel()
 
 
 @dataclass(frozen=True)

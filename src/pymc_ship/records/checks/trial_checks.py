@@ -191,7 +191,7 @@ def check_table(checks: Iterable[Check]) -> xr.Dataset:
 def failed_checks(checks: Iterable[Check], overrule: Collection[str] = ()) -> str:
     """Sentence on the bad checks that are not overruled; empty without any."""
     bad = [check for check in checks if check.verdict == "bad" and check.name not in overrule]
-    return "The trial cannot be fitted: " + " ".join(map(_check_text, bad)) if bad else ""
+    return "The trial cannot be fitted: " + " ".join(f"{one.name}: {one.sentence}" for one in bad) if bad else ""
 
 
 def doubtful_checks(checks: Iterable[Check]) -> str:
@@ -207,10 +207,6 @@ def finding_text(check: Check) -> str:
         return check.sentence
     finding = check.sentence.rpartition(";")[0] or check.sentence.removesuffix(".")
     return f"{finding}; mended: {_CORRECTION_TEXT[check.name](check)}"
-
-
-def _check_text(check: Check) -> str:
-    return f"{check.name}: {check.sentence}"
 
 
 def validated_trial(
@@ -316,9 +312,9 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
 
 
 def _remarks(checks: Iterable[Check]) -> list[str]:
-    """A sentence for each doubtful check and each overruled bad check."""
+    """A sentence for each doubtful check, with its correction if it has one, and each overruled bad check."""
     words = {"doubtful": "Doubtful", "bad": "Overruled, though bad"}
-    return [f"{words[check.verdict]}: {_check_text(check)}" for check in checks if check.verdict in words]
+    return [f"{words[one.verdict]}: {one.name}: {finding_text(one)}" for one in checks if one.verdict in words]
 
 
 def _apply_corrections(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
