@@ -41,3 +41,6 @@ def test_the_figure_has_a_column_for_each_quantity_that_was_varied_alone(found):
     assert labels == ["drift angle β [deg]", "yaw rate r'", "rudder δ [deg]"]
     points = [line for line in fig.axes[0].lines if line.get_marker() == "o"]
     np.testing.assert_allclose(points[0].get_xdata(), np.linspace(-20, 20, 9), atol=1e-9)
+    assert fig.axes[0].get_ylabel() == "Y' · 10³"
+    drift = found["Y"].values[:9]  # the program begins with them
+    np.testing.assert_allclose(points[0].get_ydata(), 1e3 * drift[np.argsort(np.arctan2(-found["v"], found["u"])[:9])])

@@ -9,6 +9,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.inference.captive.fit import (
     CaptiveFit,
+    _mode,
     captive_motion,
     fit_captive,
     nominal_revolution_tests,
@@ -134,3 +135,16 @@ def test_revolutions_of_the_carriage_are_its_own(tanker):
     assert at[column] == pytest.approx(1.0, abs=1e-6)
     blind = fit_captive(tests.assign(n=("test", n * 1.06)), vessel, replace(held, scale=held.scale)).coefficients
     assert abs(blind[column] - 1.0) > 0.04  # what would have gone into the resistance
+
+
+def test_tests_count_by_the_force_that_their_sensor_measured():
+    """At half the speed the same prime force is a quarter of the force in N, and so is what a row of Yv counts."""
+    vessel = ps.load_vessel("container")
+    full = program(vessel, np.random.default_rng(7), reference_coefficients(vessel))
+    slow = full.assign({name: 0.5 * full[name] for name in ("u", "v", "r")})
+    tests = xr.concat([full, slow], "test")
+    scale = np.maximum(0.1 * np.abs(reference_coefficients(vessel)), 1e-6)
+    _, _, design, _ = _mode(tests, vessel, CoefficientPrior(reference_coefficients(vessel), scale, scale, "own"))
+    rows = design.reshape(3, 2, -1, design.shape[1])[..., coefficient_names(vessel).index("Yv")][1]
+    np.testing.assert_allclose(rows[1], 0.25 * rows[0], atol=1e-12 * np.abs(rows).max())
+    assert np.abs(rows[0]).max() > 0.0
