@@ -80,15 +80,17 @@ def _sizes(store: Store, folder: Path, build: float) -> Sizes:
 
 def cell_table(rows: Sequence[Mapping]) -> Table:
     """One line for each cell: scores with their standard errors, and the number of each status."""
-    lines = [
-        dict(row) | {name: f"{number(3)(row[name])} ± {number(2)(row[f'{name}_se'])}" for name in STATISTIC}
-        for row in rows
-    ]
+    lines = [dict(row) | {name: _with_error(row[name], row[f"{name}_se"]) for name in STATISTIC} for row in rows]
     columns: Columns = {name: (name, str) for name in _SHARED if len({row[name] for row in rows}) > 1}
     columns |= heads(number(3), level="noise level") | heads(str, method="method", median_error="median error %")
     columns |= heads(str, coverage="90 % intervals cover %", coverage_half="50 % intervals cover %")
     columns |= heads(str, tactical_diameter_error="tactical diameter error %")
     return table(lines, columns | {name: (name, fixed_point(0)) for name in STATUSES})
+
+
+def _with_error(value: float, standard_error: float) -> str:
+    text = number(3)(value)
+    return f"{text} ± {number(2)(standard_error)}" if np.isfinite(standard_error) else text
 
 
 def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> Content:

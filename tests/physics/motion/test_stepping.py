@@ -6,7 +6,7 @@ import pytest
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.motion.sensitivities import sensitivities
-from pymc_ship.physics.motion.stepping import in_range
+from pymc_ship.physics.motion.stepping import in_range, simulation_settings
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 
 NOMINAL = 8.0
@@ -62,3 +62,10 @@ def test_simulator_and_sensitivities_have_one_range(container, name):
         motion, jacobian = sensitivities(container, delta, start, interval=0.5)
         assert [np.isnan(one).all() for one in (run, motion, jacobian)] == [diverges] * 3
         np.testing.assert_allclose(motion, run[:, 0], rtol=1e-12)
+
+
+def test_the_interval_of_the_samples_follows_a_given_step(container):
+    by_default, given = simulation_settings(container), simulation_settings(container, step=0.25, wind=(5.0, 0.0))
+    assert by_default["step"] == pytest.approx(container.particulars.ship_time / 240)
+    assert given == {"step": 0.25, "record_interval": 1.0, "method": "rk4", "wind": (5.0, 0.0)}
+    assert simulation_settings(container, step=0.25, record_interval=0.25)["record_interval"] == 0.25

@@ -16,9 +16,10 @@ from pymc_ship.inference.trajectory.fit import (
     initial_problem,
     linearise,
     white_noise,
+    whiten_channels,
 )
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
-from pymc_ship.inference.trajectory.runs import Run, whiten
+from pymc_ship.inference.trajectory.runs import Run
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.replay import replay
@@ -188,8 +189,7 @@ def white_misfits(problem: Problem, unknowns: np.ndarray) -> Iterator[np.ndarray
         motion = replay(problem.vessel, run.inputs, start, theta, block=run.block, **run.integration)
         offsets = nuisances[:, run.n_states :] if noise.offsets else np.zeros((len(unknowns), len(run.channels)))
         misfit = noise.values[:, None] - motion[list(run.rows)] - offsets.T[:, :, None]
-        laws = zip(misfit, noise.sd, noise.correlation, strict=True)
-        yield np.array([whiten(values.T, sd, correlation).T for values, sd, correlation in laws])
+        yield whiten_channels(misfit.transpose(0, 2, 1), noise).transpose(0, 2, 1)
 
 
 def _fit_under_noise(

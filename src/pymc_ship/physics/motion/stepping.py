@@ -161,10 +161,10 @@ def advance_along(
     advance(lanes, theta, scheme, steps)
 
 
-def simulation_settings(vessel: Vessel) -> dict[str, Any]:
-    """Step, sampling interval and method for a vessel, from its L/U."""
-    step = vessel.particulars.ship_time / STEPS
-    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
+def simulation_settings(vessel: Vessel, **given: Any) -> dict[str, Any]:
+    """Step, sampling interval and method for a vessel, from its L/U where they are not given, and all else given."""
+    step = given.get("step", vessel.particulars.ship_time / STEPS)
+    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"} | given
 
 
 def rudder_rate(vessel: Vessel, manoeuvre: Manoeuvre) -> float:

@@ -165,7 +165,7 @@ def design(
 def _simulate_run(models: Models, manoeuvre: Manoeuvre, **around: Any) -> _Run:
     runs = []
     for vessel, rows in models:
-        settings = simulation_settings(vessel) | {"duration": manoeuvre.traits.reach * vessel.particulars.ship_time}
+        settings = simulation_settings(vessel, duration=manoeuvre.traits.reach * vessel.particulars.ship_time)
         runs.append(simulate(vessel, manoeuvre, coefficients=rows, **settings, **around))
     ships = xr.concat(runs, "draw", combine_attrs="override")
     heading_change, last_index = ships["psi"].values - ships["psi"].values[:, :1], ships.sizes["time"] - 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -34,7 +33,7 @@ class ManoeuvringSummary:
 def manoeuvring_summary(ship: Ship, rng: np.random.Generator) -> ManoeuvringSummary:
     """Forecasts of the standard manoeuvres, and the run that would shorten their intervals most."""
     vessel, drawn = ship.models[0][0], thinned_draws(ship.models, _DRAWS)
-    settings: dict[str, Any] = simulation_settings(vessel) | {"ci_prob": _INSIDE, "motion": ship.motion}
+    settings = simulation_settings(vessel, ci_prob=_INSIDE, motion=ship.motion)
     settings["errors"] = (ship.index_error or {}) | steady_error(ship.motion_error)
     forecasts, diameters = {}, []
     zigzag_rng = rng.spawn(1)[0]

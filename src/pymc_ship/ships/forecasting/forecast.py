@@ -122,7 +122,7 @@ def forecast(
     if ship.index_error is not None:
         models = _feasible(drawn, manoeuvre, duration / unit, environment)
         errors = ship.index_error | steady_error(ship.motion_error)
-    settings = simulation_settings(models[0][0]) | settings | environment | {"duration": duration, "ci_prob": ci_prob}
+    settings = simulation_settings(models[0][0], **settings, **environment, duration=duration, ci_prob=ci_prob)
     data: dict[str, Any] = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
     data["growth"] = ship.growth_at
     tree = pooled_forecast(models, manoeuvre, rng=rng, **data, **settings)

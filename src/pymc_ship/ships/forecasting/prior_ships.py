@@ -101,8 +101,8 @@ def simulate_draws(
     """As :func:`prior_ships`, for given coefficients, shape (n_draws, n_coefficients)."""
     if duration is None:
         duration = manoeuvre.traits.reach * vessel.particulars.ship_time
-    settings = {"step": 0.02, "record_interval": 0.5} | settings if settings else simulation_settings(vessel)
-    tree = pooled_forecast([(vessel, rows)], manoeuvre, duration=duration, ci_prob=0.9, rng=rng, **settings)
+    settings = simulation_settings(vessel, **settings, duration=duration, ci_prob=0.9)
+    tree = pooled_forecast([(vessel, rows)], manoeuvre, rng=rng, **settings)
     ships = tree["trajectories"].to_dataset()
     growth = growth_rates(vessel, rows, ships.attrs["approach_speed"])
     flags = dict(zip(SHARES, (ships["diverged"].values, _wrong_way(ships, manoeuvre), growth > 0.0), strict=False))

@@ -150,8 +150,8 @@ def forecast_indices(
     vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float, **settings_of_run: Any
 ) -> dict[str, np.ndarray]:
     """Scored indices of a manoeuvre for each row of coefficients, shape (n_draws,), with settings of a simulation."""
-    settings = simulation_settings(vessel) | settings_of_run
-    simulated = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
+    settings = simulation_settings(vessel, **settings_of_run, duration=duration)
+    simulated = indices(simulate(vessel, manoeuvre, coefficients=coefficients, **settings))
     return {name: simulated[name].values for name in manoeuvre.traits.scored if name in simulated}
 
 

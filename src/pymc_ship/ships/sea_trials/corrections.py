@@ -133,7 +133,7 @@ def subtract_wind_drift(
     duration = _LONGER * float(trial["time"].values[-1] - trial["time"].values[0])
     drifts = []
     for vessel, rows in thinned_draws(model.models, _DRIFTS):
-        settings = simulation_settings(vessel) | {"duration": duration, "wind": _from_bow(wind, course)}
+        settings = simulation_settings(vessel, duration=duration, wind=_from_bow(wind, course))
         ships = simulate(vessel, manoeuvre, coefficients=rows, **settings)
         ships = ships.isel(draw=~ships["diverged"].values)
         drifts += [drift_current(ships.isel(draw=k)).velocity @ (1.0, 1j) for k in range(ships.sizes["draw"])]
@@ -179,7 +179,7 @@ def _ratios(
             full = at_loading(vessel, rows, model.tried, model.loaded)
         both_indices = []
         for ship, draws, wind_of_run in ((*full, None), (vessel, rows, trial_wind)):
-            settings = simulation_settings(ship) | {"duration": manoeuvre.traits.reach * ship.particulars.ship_time}
+            settings = simulation_settings(ship, duration=manoeuvre.traits.reach * ship.particulars.ship_time)
             both_indices.append(indices(simulate(ship, manoeuvre, coefficients=draws, wind=wind_of_run, **settings)))
         for name in both_indices[0]:
             with np.errstate(divide="ignore", invalid="ignore"):
