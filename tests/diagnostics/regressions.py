@@ -7,7 +7,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.diagnostics.agreement import Comparison
-from pymc_ship.diagnostics.regression_parts import REGRESSION
+from pymc_ship.diagnostics.regression_subsections import REGRESSION
 
 
 def posterior(container, wave=0.0, draws=800):

@@ -10,7 +10,7 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.diagnostics import page as page_module
 from pymc_ship.diagnostics.agreement import comparisons
-from pymc_ship.diagnostics.regression_parts import REGRESSION
+from pymc_ship.diagnostics.regression_subsections import REGRESSION
 from pymc_ship.inference.regression.tree import write_posterior
 from tests.diagnostics.cases import without
 from tests.diagnostics.regressions import shifted, three_ways, torn, verdict_on
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.filterwarnings("error")
 @pytest.fixture
 def quick(monkeypatch):
     """Leave the figures out, which have their own tests above."""
-    bare = replace(REGRESSION, parts=lambda *args: [])
+    bare = replace(REGRESSION, subsections=lambda *args: [])
     monkeypatch.setattr(page_module, "posterior_kind", lambda tree: bare)
 
 

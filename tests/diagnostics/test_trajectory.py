@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics import trajectory as d
-from pymc_ship.diagnostics.numbers import cross_validation
 from pymc_ship.diagnostics.page import posterior_kind
-from pymc_ship.diagnostics.regression_parts import REGRESSION
-from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
+from pymc_ship.diagnostics.posterior_statistics import convergence_diagnostics, cross_validation, quantities
+from pymc_ship.diagnostics.regression_subsections import REGRESSION
+from pymc_ship.diagnostics.trajectory_subsections import TRAJECTORIES
 from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from tests.diagnostics.cases import changed, sampled, short_mode, short_posterior, with_attrs
@@ -58,25 +57,19 @@ def test_a_sampler_needs_no_pareto_khat():
 
 @pytest.mark.parametrize(("khat", "holds"), [(0.3, True), (0.7, True), (0.71, False), (np.nan, False)])
 def test_the_diagnostic_of_the_normal_approximation_is_pareto_khat(khat, holds):
-    (row,) = numbers.convergence_diagnostics(with_attrs(short_posterior(), pareto_khat=khat))
+    (row,) = convergence_diagnostics(with_attrs(short_posterior(), pareto_khat=khat))
     assert (row["diagnostic"], row["limit"], row["passes"]) == ("Pareto k-hat", "≤ 0.7", holds)
 
 
 def test_the_diagnostics_of_a_sampler_watch_every_unknown():
-    convergence_diagnostics = {row["diagnostic"]: row for row in numbers.convergence_diagnostics(sampled())}
-    assert list(convergence_diagnostics) == [
-        "largest R-hat",
-        "least bulk ESS",
-        "least tail ESS",
-        "divergences",
-        "least E-BFMI",
-    ]
-    assert all(row["passes"] for row in convergence_diagnostics.values())
+    diagnostics = {row["diagnostic"]: row for row in convergence_diagnostics(sampled())}
+    assert list(diagnostics) == ["largest R-hat", "least bulk ESS", "least tail ESS", "divergences", "least E-BFMI"]
+    assert all(row["passes"] for row in diagnostics.values())
     torn = changed(sampled(), "posterior/initial_state", lambda v: v[3, :, 1, 1].__iadd__(1.0))
-    failed = [row for row in numbers.convergence_diagnostics(torn) if not row["passes"]]
+    failed = [row for row in convergence_diagnostics(torn) if not row["passes"]]
     assert failed[0]["where"] == "initial v, run 2"
     diverged = changed(sampled(), "sample_stats/diverging", lambda v: v[0].__setitem__(slice(2), True))
-    assert [(g["diagnostic"], g["value"]) for g in numbers.convergence_diagnostics(diverged) if not g["passes"]] == [
+    assert [(g["diagnostic"], g["value"]) for g in convergence_diagnostics(diverged) if not g["passes"]] == [
         ("divergences", 2.0)
     ]
 
@@ -84,7 +77,7 @@ def test_the_diagnostics_of_a_sampler_watch_every_unknown():
 def test_the_unknowns_are_coefficients_initial_states_and_offsets():
     tree = short_posterior(noise="ar1")
     tree = changed(tree, "posterior/sensor_offset", lambda v: v[:, :, 1, 2].fill(np.nan))
-    found = numbers.quantities(tree)
+    found = quantities(tree)
     names = found["quantity"].values.tolist()
     assert names[:53] == tree["posterior"]["coefficient"].values.tolist()
     assert names[53:] == [
@@ -93,7 +86,7 @@ def test_the_unknowns_are_coefficients_initial_states_and_offsets():
     ]
     offset = tree["posterior"]["sensor_offset"].sel(run=1, channel="v")
     np.testing.assert_array_equal(found.sel(quantity="offset of v, run 2"), offset)
-    assert numbers.quantities(short_posterior()).sizes["quantity"] == 63
+    assert quantities(short_posterior()).sizes["quantity"] == 63
 
 
 # what the records determine
@@ -109,12 +102,12 @@ def test_the_contraction_is_that_of_the_fit():
         dof for dof in ("surge", "sway", "yaw") for _ in fit.problem.vessel.terms(dof)
     ]
     sizes = np.abs(found["mean"]) / found["sd"]
-    assert found["narrowed"].equals(found["contraction"] > 0.9)
-    assert found["determined"].equals(found["narrowed"] & (sizes > 1.96))
+    assert found["is_contracted"].equals(found["contraction"] > 0.9)
+    assert found["determined"].equals(found["is_contracted"] & (sizes > 1.96))
     assert 5 < int(found["determined"].sum()) < 53 - 5
 
 
-def test_under_a_flat_prior_every_coefficient_is_narrowed_and_no_direction_has_a_unit():
+def test_under_a_flat_prior_every_coefficient_is_contracted_and_no_direction_has_a_unit():
     found, along = d.contraction(short_posterior("flat")), d.directions(short_posterior("flat"))
     assert (found["contraction"] == 1.0).all()
     assert not found["determined"].all()

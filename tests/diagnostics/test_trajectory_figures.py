@@ -5,7 +5,7 @@ import pytest
 
 from pymc_ship.diagnostics import figures, trajectory_figures
 from pymc_ship.diagnostics import trajectory as trajectory_diagnostics
-from pymc_ship.diagnostics.numbers import autocorrelation
+from pymc_ship.diagnostics.posterior_statistics import autocorrelation
 from tests.diagnostics.cases import changed, hull, short_posterior
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -23,7 +23,7 @@ def legend(fig):
 
 def test_every_channel_is_drawn_in_its_unit_with_residuals_and_the_rudder():
     tree = short_posterior(noise="ar1")
-    fig = drawn(trajectory_figures.motion(tree, 1))
+    fig = drawn(trajectory_figures.motion_figure(tree, 1))
     labels = [ax.get_ylabel() for ax in fig.axes]
     assert labels == ["u [m/s]", "v [m/s]", *["residual [sd]"] * 2, "r [deg/s]", "residual [sd]", "rudder δ [deg]"]
     rows = tree["constant_data"]["run"].values == 1
@@ -38,7 +38,7 @@ def test_every_channel_is_drawn_in_its_unit_with_residuals_and_the_rudder():
 
 def test_a_channel_that_a_run_lacks_is_left_out():
     tree = changed(short_posterior(), "observed_data/response", lambda v: v[:, 1].fill(np.nan))
-    fig = drawn(trajectory_figures.motion(tree, 0))
+    fig = drawn(trajectory_figures.motion_figure(tree, 0))
     labels = [ax.get_ylabel() for ax in fig.axes]
     assert legend(fig)[1] == "fitted"
     assert labels == ["u [m/s]", "r [deg/s]", *["residual [sd]"] * 2, "rudder δ [deg]"]
@@ -46,7 +46,7 @@ def test_a_channel_that_a_run_lacks_is_left_out():
 
 def test_the_autocorrelation_of_every_run_over_seconds():
     found = trajectory_diagnostics.residuals(short_posterior())
-    fig = drawn(trajectory_figures.autocorrelation(found))
+    fig = drawn(trajectory_figures.autocorrelation_figure(found))
     assert [ax.get_title() for ax in fig.axes] == ["u", "v", "r"]
     assert fig.axes[0].get_xlabel() == "lag [s]"
     assert legend(fig) == ["white noise, 95 %", "run 1", "run 2"]
@@ -62,7 +62,7 @@ def test_quantiles_of_normal_residuals_lie_on_the_line_and_heavy_ones_do_not():
 
     far = []
     for tree in (short_posterior(), changed(short_posterior(), "observed_data/response", heavy)):
-        fig = drawn(trajectory_figures.quantiles(trajectory_diagnostics.residuals(tree)))
+        fig = drawn(trajectory_figures.quantiles_figure(trajectory_diagnostics.residuals(tree)))
         x, y = fig.axes[0].lines[0].get_data()
         far.append(np.abs(x - y).max())
     assert far[0] < 0.7 < 2.0 < far[1]
@@ -72,7 +72,7 @@ def test_quantiles_of_normal_residuals_lie_on_the_line_and_heavy_ones_do_not():
 
 def test_the_forest_stands_in_prior_standard_deviations():
     tree, reference = short_posterior(), hull().coefficients("yaw").values
-    fig = drawn(trajectory_figures.forest(tree, "yaw", {"reference": reference, "publ. x": np.full(20, np.nan)}))
+    fig = drawn(trajectory_figures.forest_figure(tree, "yaw", {"reference": reference, "publ. x": np.full(20, np.nan)}))
     ax = fig.axes[-1]
     assert ax.get_xlabel().startswith("yaw: (coefficient − prior mean) / prior sd (linear")
     assert legend(fig) == ["prior, 95 %", "reference", "publ. x"]
@@ -85,19 +85,19 @@ def test_the_forest_stands_in_prior_standard_deviations():
 
 
 def test_the_forest_of_flat_priors_stands_in_posterior_standard_deviations():
-    flat = drawn(trajectory_figures.forest(short_posterior("flat"), "surge", {"reference": np.ones(13)}))
+    flat = drawn(trajectory_figures.forest_figure(short_posterior("flat"), "surge", {"reference": np.ones(13)}))
     assert flat.axes[-1].get_xlabel().startswith("surge: coefficient / posterior sd (")
     assert legend(flat) == ["reference"]
-    bare = drawn(trajectory_figures.forest(short_posterior("flat"), "surge", {}))
+    bare = drawn(trajectory_figures.forest_figure(short_posterior("flat"), "surge", {}))
     assert bare.legends == []
     mixed = changed(short_posterior(), "constant_data/prior_sd", lambda v: v.__setitem__(0, np.inf))
-    label = drawn(trajectory_figures.forest(mixed, "surge", {})).axes[-1].get_xlabel()
+    label = drawn(trajectory_figures.forest_figure(mixed, "surge", {})).axes[-1].get_xlabel()
     assert "/ prior sd; of flat priors coefficient / posterior sd" in label
 
 
 def test_a_bar_for_every_contraction_in_the_colour_of_its_judgement():
     found = trajectory_diagnostics.contraction(short_posterior())
-    fig = drawn(trajectory_figures.contraction(found))
+    fig = drawn(trajectory_figures.contraction_figure(found))
     assert [ax.get_ylabel() for ax in fig.axes] == [f"{dof}: contraction" for dof in ("surge", "sway", "yaw")]
     assert sum(len(ax.patches) for ax in fig.axes) == 53
     assert legend(fig) == ["determined", "includes zero", "prior"]
@@ -108,7 +108,7 @@ def test_a_bar_for_every_contraction_in_the_colour_of_its_judgement():
 
 def test_directions_are_drawn_as_shares_with_the_unknown_apart():
     found = trajectory_diagnostics.directions(short_posterior())
-    ax = drawn(trajectory_figures.directions(found)).axes[0]
+    ax = drawn(trajectory_figures.directions_figure(found)).axes[0]
     unknown, told = (line.get_ydata() for line in ax.lines[:2])
     assert (unknown.size, told.size) == (found.attrs["n_unknown"], 53 - found.attrs["n_unknown"])
     assert unknown.min() > 0.5 >= told.max()

@@ -6,9 +6,9 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.agreement import agreement
 from pymc_ship.diagnostics.page import check_posteriors
+from pymc_ship.diagnostics.posterior_statistics import whiteness
 from pymc_ship.diagnostics.regression import check_posterior
 from pymc_ship.diagnostics.trajectory import check_trajectory
 from pymc_ship.inference.regression.tree import exact_posterior
@@ -52,7 +52,7 @@ test_value_errors = wording(
     ),
     (
         "needs ten values or more, found 9; use a longer trial",
-        lambda: numbers.whiteness(np.resize([1.0, -1.0], 9)),
+        lambda: whiteness(np.resize([1.0, -1.0], 9)),
     ),
     (
         r"^x is no posterior of this package, it lacks coefficients, attrs.*\.$",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from html.parser import HTMLParser
 
-from pymc_ship.diagnostics.regression_parts import REGRESSION
+from pymc_ship.diagnostics.regression_subsections import REGRESSION
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.pages.drawing import subplots
 from pymc_ship.pages.page import Content

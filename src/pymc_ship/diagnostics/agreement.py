@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics.numbers import R_HAT_LIMIT, convergence_diagnostics, missing, quantities, summary
+from pymc_ship.diagnostics import posterior_statistics
+from pymc_ship.diagnostics.posterior_statistics import R_HAT_LIMIT, convergence_diagnostics, missing, quantities
 from pymc_ship.diagnostics.regression import DESIGN, data_of, free_posterior, prior_of
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
@@ -122,7 +123,8 @@ def _compare(tree: xr.DataTree, exact: xr.Dataset) -> xr.Dataset:
     import arviz as az
 
     draws = quantities(tree).sel(quantity=exact["quantity"])
-    values = dict(summary(tree).sel(quantity=exact["quantity"]).drop_vars(("lower", "upper")).data_vars)
+    moments = posterior_statistics.summary(tree).sel(quantity=exact["quantity"])
+    values = dict(moments.drop_vars(("lower", "upper")).data_vars)
     values["z_mean"] = (values["mean"] - exact["exact_mean"]) / values["mcse_mean"]
     values["z_sd"] = (values["sd"] - exact["exact_sd"]) / values["mcse_sd"]
     if "exact_quantile" in exact:

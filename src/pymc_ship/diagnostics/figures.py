@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
-from pymc_ship.diagnostics import numbers, regression
-from pymc_ship.diagnostics.numbers import CI_PROB
+from pymc_ship.diagnostics import posterior_statistics, regression
+from pymc_ship.diagnostics.posterior_statistics import CI_PROB, E_BFMI_LIMIT, ENVELOPE, ESS_LIMIT, autocorrelation
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplots
 
 if TYPE_CHECKING:
@@ -72,18 +72,18 @@ def trace(tree: xr.DataTree, names: Sequence[str]) -> Figure:
 def rank(tree: xr.DataTree, names: Sequence[str]) -> Figure:
     """Difference of each chain's fractional ranks from uniform."""
     drawn = chosen_draws(tree, names)
-    return arviz_figure("plot_rank", drawn, envelope_prob=numbers.ENVELOPE, **_panels(len(names)))
+    return arviz_figure("plot_rank", drawn, envelope_prob=ENVELOPE, **_panels(len(names)))
 
 
 def effective_sample_size(tree: xr.DataTree, names: Sequence[str]) -> Figure:
     """Bulk and tail ESS of the chosen quantities against the number of draws."""
-    settings = {"min_ess": numbers.ESS_LIMIT, "n_points": ESS_POINTS, **_panels(len(names))}
+    settings = {"min_ess": ESS_LIMIT, "n_points": ESS_POINTS, **_panels(len(names))}
     return arviz_figure("plot_ess_evolution", chosen_draws(tree, names), **settings)
 
 
 def energy(tree: xr.DataTree) -> Figure:
     """E-BFMI of each chain; marginal energy and energy transitions."""
-    fig = arviz_figure("plot_energy", tree, (8.0, 2.8), threshold=numbers.E_BFMI_LIMIT)
+    fig = arviz_figure("plot_energy", tree, (8.0, 2.8), threshold=E_BFMI_LIMIT)
     labels = (("E-BFMI", "chain"), ("energy, centred", "density"))
     for ax, (x, y) in zip(fig.axes, labels, strict=False):
         ax.set(xlabel=x, ylabel=y)
@@ -180,7 +180,7 @@ def pair(tree: xr.DataTree, names: Sequence[str]) -> Figure:
 
 def correlation(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Figure:
     """Heat map of the posterior correlation of the coefficients; those of all ``dofs`` are parted by lines."""
-    matrix = numbers.correlation(tree)
+    matrix = posterior_statistics.correlation(tree)
     with matplotlib.rc_context({**STYLE, "axes.grid": False}):
         side = 6.4 if dofs else 2.2 + 0.2 * len(matrix)
         fig, axes = subplots(side + (1.0 if dofs else 0.8), side)
@@ -222,7 +222,7 @@ def pareto_k(loo: ELPDData) -> Figure:
 
 def loo_pit(tree: xr.DataTree) -> Figure:
     """Leave-one-out probability integral transform, ECDF minus uniform."""
-    fig = arviz_figure("plot_loo_pit", tree, (8.0, 3.2), var_names=["response"], envelope_prob=numbers.ENVELOPE)
+    fig = arviz_figure("plot_loo_pit", tree, (8.0, 3.2), var_names=["response"], envelope_prob=ENVELOPE)
     low, high = fig.axes[0].get_ylim()
     fig.axes[0].set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     return _label_axes(fig, "LOO-PIT", "ECDF minus uniform")
@@ -231,7 +231,7 @@ def loo_pit(tree: xr.DataTree) -> Figure:
 def residuals(values: xr.DataArray, band: float) -> Figure:
     """Residuals over time and their autocorrelation with the band of white noise."""
     lags = min(40, values.size - 2)
-    r = numbers.autocorrelation(values.values, lags)
+    r = autocorrelation(values.values, lags)
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(8.0, 2.9, 1, 2, width_ratios=(1.5, 1.0))
         axes[0, 0].plot(values["time"], 1e5 * values, color=BLUE, lw=0.8)

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics import numbers
+from pymc_ship.diagnostics import posterior_statistics as statistics
 from pymc_ship.diagnostics.agreement import Comparison, comparisons
-from pymc_ship.diagnostics.numbers import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
-from pymc_ship.diagnostics.parts import PosteriorKind, evidence_counts
-from pymc_ship.diagnostics.regression_parts import REGRESSION
+from pymc_ship.diagnostics.posterior_statistics import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.regression_subsections import REGRESSION
+from pymc_ship.diagnostics.subsections import PosteriorKind, determination_counts
 from pymc_ship.diagnostics.trajectory import METHODS
-from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
+from pymc_ship.diagnostics.trajectory_subsections import TRAJECTORIES
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.files import writable_folder
@@ -41,8 +41,8 @@ SOURCES = (
 
 _DEFAULTS = (
     f"Intervals are equal-tailed (ci_kind eti) of {percent(CI_PROB)} (ci_prob {CI_PROB:g}). Limits of convergence: "
-    f"R-hat < {numbers.R_HAT_LIMIT:g}, bulk and tail ESS > {numbers.ESS_LIMIT:g}, no divergence, E-BFMI > "
-    f"{numbers.E_BFMI_LIMIT:g}. Agreement: |z| within the two-sided normal quantile at {LEVEL:g} over the "
+    f"R-hat < {statistics.R_HAT_LIMIT:g}, bulk and tail ESS > {statistics.ESS_LIMIT:g}, no divergence, E-BFMI > "
+    f"{statistics.E_BFMI_LIMIT:g}. Agreement: |z| within the two-sided normal quantile at {LEVEL:g} over the "
     f"number of comparisons. Whiteness at the {percent(WHITENESS_LEVEL)} level, sensitivity above {PSENSE_LIMIT:g}."
 )
 
@@ -115,15 +115,15 @@ def diagnostic_content(
     for k, one in enumerate(compared):
         progress(f"diagnosing {one.name}")
         sections.append(_section(f"posterior-{k + 1}", one, ship, np.random.default_rng(seed), images))
-    subjects = list(dict.fromkeys(posterior_kind(one.posterior) for one in compared))
+    kinds = list(dict.fromkeys(posterior_kind(one.posterior) for one in compared))
     values = {
         "title": f"Diagnostics of {len(sections)} posterior{'s' * (len(sections) > 1)}",
-        "defaults": " ".join(filter(None, (_DEFAULTS, *(subject.defaults for subject in subjects)))),
+        "defaults": " ".join(filter(None, (_DEFAULTS, *(kind.defaults for kind in kinds)))),
         "back": back,
         "overview": _overview(compared),
         "sections": sections,
     }
-    sources = (*SOURCES, *(source for subject in subjects for source in subject.sources))
+    sources = (*SOURCES, *(source for kind in kinds for source in kind.sources))
     return Content(values, images, sources=sources)
 
 
@@ -132,7 +132,7 @@ def _overview(compared: Sequence[Comparison]) -> Table:
     rows = []
     for one in compared:
         contraction = posterior_kind(one.posterior).contraction(one.posterior)
-        counts = ("not known",) * 3 if contraction is None else evidence_counts(contraction)
+        counts = ("not known",) * 3 if contraction is None else determination_counts(contraction)
         agreement = "disagrees" if one.disagreements else "agrees"
         row = {"posterior": one.name, "convergence": "fails" if one.failed_diagnostics else "passes"}
         row["agreement"] = agreement if one.agreement is not None else "not compared"
@@ -170,13 +170,13 @@ def posterior_kind(tree: xr.DataTree) -> PosteriorKind:
 def _section(
     identifier: str, one: Comparison, ship: Vessel | None, rng: np.random.Generator, images: dict[str, str]
 ) -> dict:
-    subject, shown = posterior_kind(one.posterior), []
-    for part in subject.parts(one, ship, rng):
+    kind, shown = posterior_kind(one.posterior), []
+    for subsection in kind.subsections(one, ship, rng):
         captions = []
-        for kind, figure, caption in part.images:
-            images[f"{identifier}-{kind}"] = drawing.html_image(figure, part.title)
-            captions.append((f"{identifier}-{kind}", caption))
-        shown.append({"title": part.title, "text": part.text, "tables": part.tables, "figures": captions})
+        for name, figure, caption in subsection.images:
+            images[f"{identifier}-{name}"] = drawing.html_image(figure, subsection.title)
+            captions.append((f"{identifier}-{name}", caption))
+        shown.append({key: getattr(subsection, key) for key in ("title", "text", "tables")} | {"figures": captions})
     failed = ["a convergence diagnostic fails"] * bool(one.failed_diagnostics) + ["methods disagree"] * bool(
         one.disagreements
     )
@@ -184,7 +184,7 @@ def _section(
         "id": identifier,
         "name": one.name,
         "failed": ", ".join(failed),
-        "verdict": subject.verdict(one),
-        "origin": subject.origin(one),
+        "verdict": kind.verdict(one),
+        "origin": kind.origin(one),
         "parts": shown,
     }

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics import numbers
-from pymc_ship.diagnostics.numbers import CI_PROB, SD_LIMIT, TAILS, check_draws, has
+from pymc_ship.diagnostics import posterior_statistics
+from pymc_ship.diagnostics.posterior_statistics import CI_PROB, SD_LIMIT, TAILS, check_draws, has
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
@@ -26,7 +26,7 @@ _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
 
 def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
     """Raise a ValueError that names what a tree lacks to be a posterior of a regression."""
-    check_draws(tree, name, REQUIRED | (_NOISE if numbers.has(tree, "posterior/noise_variance") else {}), _ATTRS)
+    check_draws(tree, name, REQUIRED | (_NOISE if has(tree, "posterior/noise_variance") else {}), _ATTRS)
     try:
         prior_of(tree)
         json.loads(tree.attrs["scaling"])["response_scale"]
@@ -59,7 +59,7 @@ DESIGN = ("constant_data/design_matrix", "observed_data/response")
 
 
 def required_variables(tree: xr.DataTree, *wanted: str) -> tuple[str, ...]:
-    """Variables of a part: regression data, noise variance and, for a model with its own prior, prior draws."""
+    """Variables of a subsection: regression data, noise variance and, for a model with its own prior, prior draws."""
     drawn = ("prior/coefficients", "prior/noise_variance") if prior_of(tree) is None else ()
     return (*DESIGN, "posterior/noise_variance", *drawn, *wanted)
 
@@ -104,15 +104,16 @@ def data_of(tree: xr.DataTree) -> RegressionData:
 
 
 def contraction(tree: xr.DataTree) -> xr.Dataset:
-    """:func:`~pymc_ship.diagnostics.numbers.narrowing` of a regression, on the original scale.
+    """Contraction of each coefficient of a regression, on the original scale.
 
     A prior variance proportional to sigma2 is taken at the posterior mean of sigma2. For a model with its own prior it
     is the variance of a normal prior with the same central 95 %.
     """
     data, draws = data_of(tree), tree["posterior"].dataset["coefficients"]
     _, T = data.transformation
-    prior_sd = np.sqrt(np.sum(T**2 * _prior_variance(tree, data), axis=1))
-    return numbers.narrowing(draws, xr.DataArray(prior_sd, {"coefficient": draws["coefficient"]}, ("coefficient",)))
+    variance = np.sum(T**2 * _prior_variance(tree, data), axis=1)
+    prior_sd = xr.DataArray(np.sqrt(variance), {"coefficient": draws["coefficient"]}, ("coefficient",))
+    return posterior_statistics.contraction(draws, prior_sd)
 
 
 def _scaled_noise_variance(tree: xr.DataTree, data: RegressionData) -> float:
@@ -141,7 +142,7 @@ def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
     s = np.append(s, np.zeros(data.n_terms - s.size))
     rows = []
     for value, vector in zip(s[::-1], right[::-1], strict=True):
-        text = numbers.loadings(vector, data.coefficients, loadings)
+        text = posterior_statistics.loadings(vector, data.coefficients, loadings)
         rows.append(
             {"singular_value": float(value), "data_precision": float(value**2 / (value**2 + 1.0)), "direction": text}
         )

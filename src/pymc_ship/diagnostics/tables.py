@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics.numbers import CI_PROB, evidence_words
+from pymc_ship.diagnostics.posterior_statistics import CI_PROB, determination_labels
 from pymc_ship.pages.tables import Columns, Table, fixed_point, heads, number, table
 
 AGREEMENT: Columns = (
@@ -76,7 +76,7 @@ def agreement_table(agreement: xr.Dataset) -> Table:
     return table(rows, columns)
 
 
-def coefficient_table(summary: xr.Dataset, narrowing: xr.Dataset | None, marks: Mapping[str, np.ndarray]) -> Table:
+def coefficient_table(summary: xr.Dataset, contraction: xr.Dataset | None, marks: Mapping[str, np.ndarray]) -> Table:
     """Posterior of every coefficient with other values of it and, where known, what determines it.
 
     The noise variance may follow the coefficients in ``summary``. A prior mean is shown only where one is not zero.
@@ -88,16 +88,16 @@ def coefficient_table(summary: xr.Dataset, narrowing: xr.Dataset | None, marks: 
         del shown["prior_mean"]
     columns: Columns = heads(str, coefficient="coefficient") | {name: (name, number(4)) for name in marks}
     columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in shown.items()}
-    if narrowing is not None:
-        columns |= heads(fixed_point(3), contraction="contraction") | heads(str, judged="evidence")
-    rows, words = [], [] if narrowing is None else evidence_words(narrowing).tolist()
+    if contraction is not None:
+        columns |= heads(fixed_point(3), contraction="contraction") | heads(str, determined_by="evidence")
+    rows, labels = [], [] if contraction is None else determination_labels(contraction).tolist()
     for k, name in enumerate(map(str, summary["coefficient"].values)):
         label, scale = _label_and_scale(name)
-        row: dict[str, Any] = {"coefficient": label, "contraction": np.nan, "judged": ""}
+        row: dict[str, Any] = {"coefficient": label, "contraction": np.nan, "determined_by": ""}
         row |= {key: scale * float(summary[key].values[k]) for key in shown}
         row |= {mark: scale * float(values[k]) if k < len(values) else np.nan for mark, values in marks.items()}
-        if narrowing is not None and k < len(words):
-            row |= {"contraction": float(narrowing["contraction"].values[k]), "judged": words[k]}
+        if contraction is not None and k < len(labels):
+            row |= {"contraction": float(contraction["contraction"].values[k]), "determined_by": labels[k]}
         rows.append(row)
     return table(rows, columns)
 
@@ -120,6 +120,6 @@ def _label_and_scale(quantity: str) -> tuple[str, float]:
 
 
 def sensitivity_table(rows: Sequence[Mapping], quantity: str) -> Table:
-    """Rows of :func:`pymc_ship.diagnostics.numbers.prior_sensitivity`, the first column as named."""
+    """Rows of :func:`pymc_ship.diagnostics.posterior_statistics.prior_sensitivity`, the first column as named."""
     columns = heads(str, quantity=quantity) | heads(fixed_point(3), prior="prior", likelihood="likelihood")
     return table(rows, columns | heads(str, diagnosis="diagnosis"))

@@ -7,22 +7,22 @@ import json
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics import numbers
-from pymc_ship.diagnostics.numbers import SD_LIMIT, check_draws
+from pymc_ship.diagnostics import posterior_statistics
+from pymc_ship.diagnostics.posterior_statistics import SD_LIMIT, check_draws, whiteness
 from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import whiten
 from pymc_ship.physics.vessel.vessel import LETTER
 from pymc_ship.trial.channels import CHANNELS
 
-PARTS = "parts"  # group of the parameters of a ship of parts, which act in several degrees of freedom
+MODULAR_GROUP = "parts"  # group of the parameters of a ship of parts, which act in several degrees of freedom
 
 METHODS = ("trajectory", "trajectory_nuts")
 """Methods whose posteriors are of whole trajectories: the normal approximation, and the sampler."""
 
-RECORDS = tuple(f"constant_data/{name}" for name in ("time", "run", "fitted", "block_sd", "correlation"))
-RECORDS = (*RECORDS, "observed_data/response")  # variables of a tree that residuals are made from
-PRIOR = ("constant_data/prior_sd",)  # variables of a tree for the comparison of posterior and prior
+_RECORDED = ("time", "run", "fitted", "block_sd", "correlation")
+RESIDUAL_VARIABLES = (*(f"constant_data/{name}" for name in _RECORDED), "observed_data/response")
+PRIOR_VARIABLES = ("constant_data/prior_sd",)  # variables of a tree for the comparison of posterior and prior
 _SAMPLE = ("chain", "draw")
 _ATTRS = ("dof", "vessel", "prior", "integrator", "noise_model", "noise_sentence", "starts", "starts_agreeing")
 
@@ -45,8 +45,9 @@ def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
 
 
 def contraction(tree: xr.DataTree) -> xr.Dataset:
-    """:func:`~pymc_ship.diagnostics.numbers.narrowing`, with the ``prior_mean`` and the coordinate ``dof``."""
-    dataset = numbers.narrowing(tree["posterior"].dataset["coefficients"], tree["constant_data"].dataset["prior_sd"])
+    """Contraction of each coefficient, with ``prior_mean`` and the coordinate ``dof``."""
+    posterior, constant = tree["posterior"].dataset, tree["constant_data"].dataset
+    dataset = posterior_statistics.contraction(posterior["coefficients"], constant["prior_sd"])
     dataset = dataset.assign(prior_mean=("coefficient", json.loads(tree.attrs["prior"])["mean"]))
     return dataset.assign_coords(dof=("coefficient", dofs(tree)))
 
@@ -58,10 +59,10 @@ def prior_of(tree: xr.DataTree) -> CoefficientPrior:
 
 
 def dofs(tree: xr.DataTree) -> list[str]:
-    """Degree of freedom of every coefficient by its first letter; ``PARTS`` for a ship of parts."""
+    """Degree of freedom of every coefficient by its first letter; ``MODULAR_GROUP`` for a ship of parts."""
     letters = {letter: dof for dof, letter in LETTER.items()}
     begins = [str(name)[0] for name in tree["posterior"].dataset["coefficient"].values]
-    return [PARTS] * len(begins) if not letters.keys() >= {*begins} else [letters[letter] for letter in begins]
+    return [MODULAR_GROUP] * len(begins) if not letters.keys() >= {*begins} else [letters[letter] for letter in begins]
 
 
 def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
@@ -91,7 +92,7 @@ def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
         "n_effective": float(dataset["contraction"].values[proper].sum()),
         "n_flat": int(np.sum(~proper)),
     }
-    text = [numbers.loadings(right[k], names, loadings) for k in order]
+    text = [posterior_statistics.loadings(right[k], names, loadings) for k in order]
     return xr.Dataset({"remaining_variance": ("direction", remaining[order]), "text": ("direction", text)}, attrs=attrs)
 
 
@@ -134,7 +135,7 @@ def channel_rows(tree: xr.DataTree) -> list[dict]:
         factor = unit.display_factor
         by_run = {key: float(constant[key].isel(run_index=k, channel=c)) for key in ("block_sd", "correlation")}
         shift = np.nan if offset is None else float(offset.isel(run=k).sel(channel=name).mean())
-        test = numbers.whiteness(white)
+        test = whiteness(white)
         rows.append(
             {"run": k + 1, "channel": name, "unit": unit.display, "blocks": white.size, "offset": factor * shift}
             | {"block_sd": factor * by_run["block_sd"], "correlation": by_run["correlation"]}

@@ -10,19 +10,20 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pymc_ship.diagnostics import numbers, trajectory
+from pymc_ship.diagnostics import posterior_statistics as statistics
+from pymc_ship.diagnostics import trajectory
 from pymc_ship.diagnostics.figures import forest_of
-from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT
+from pymc_ship.diagnostics.posterior_statistics import CONTRACTION_LIMIT, SD_LIMIT
 from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplots
 from pymc_ship.trial.channels import CHANNELS
 
 LAGS = 40  # lags of the autocorrelation drawn, in blocks
 QUANTILES = 400  # quantiles drawn of the residuals of a channel
-_EVIDENCE_COLOURS = {"determined": BLUE, "includes zero": "#8fb7d8", "prior": RUST}
+_DETERMINATION_COLOURS = {"determined": BLUE, "includes zero": "#8fb7d8", "prior": RUST}
 
 
-def motion(tree: xr.DataTree, run: int) -> Figure:
+def motion_figure(tree: xr.DataTree, run: int) -> Figure:
     """Measured and fitted block means of every channel of a run, residuals below, and the rudder."""
     dataset, constant = trajectory.residuals(tree), tree["constant_data"].dataset
     rows = np.flatnonzero(dataset["run"].values == run)
@@ -84,7 +85,7 @@ def _series(dataset: xr.Dataset, name: str) -> Iterator[tuple[int, np.ndarray]]:
             yield int(run), values
 
 
-def autocorrelation(dataset: xr.Dataset) -> Figure:
+def autocorrelation_figure(dataset: xr.Dataset) -> Figure:
     """Autocorrelation of the whitened residuals of every channel, a line for each run, with the band of white noise."""
     with matplotlib.rc_context(STYLE):
         fig, panels = _channel_panels(dataset, 2.0, "autocorrelation")
@@ -95,7 +96,7 @@ def autocorrelation(dataset: xr.Dataset) -> Figure:
                 seconds = interval * np.arange(1, lags + 1)
                 band = 1.96 / np.sqrt(values.size)
                 ax.fill_between(seconds, -band, band, color=NOISE, alpha=0.35, lw=0, label="white noise, 95 %")
-                ax.plot(seconds, numbers.autocorrelation(values, lags), ".-", lw=0.8, ms=3, label=f"run {run + 1}")
+                ax.plot(seconds, statistics.autocorrelation(values, lags), ".-", lw=0.8, ms=3, label=f"run {run + 1}")
             ax.axhline(0.0, color=REFERENCE, lw=0.7)
             ax.set_xlabel("lag [s]")
         handles, labels = panels[0][0].get_legend_handles_labels()
@@ -104,7 +105,7 @@ def autocorrelation(dataset: xr.Dataset) -> Figure:
     return fig
 
 
-def quantiles(dataset: xr.Dataset) -> Figure:
+def quantiles_figure(dataset: xr.Dataset) -> Figure:
     """Quantiles of the whitened residuals of every channel against those of the standard normal."""
     from scipy.stats import norm
 
@@ -120,14 +121,14 @@ def quantiles(dataset: xr.Dataset) -> Figure:
     return fig
 
 
-def forest(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figure:
+def forest_figure(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figure:
     """Equal-tailed 50 and 95 % intervals of the coefficients of a DOF about the prior mean, in prior sd.
 
     Coefficients with a flat prior are divided by their posterior sd. ``marks``: other values by name.
     """
     dataset = trajectory.contraction(tree)
-    mine = np.flatnonzero(dataset["dof"].values == dof)
-    one, draws = dataset.isel(coefficient=mine), tree["posterior"].dataset["coefficients"].isel(coefficient=mine)
+    of_dof = np.flatnonzero(dataset["dof"].values == dof)
+    one, draws = dataset.isel(coefficient=of_dof), tree["posterior"].dataset["coefficients"].isel(coefficient=of_dof)
     flat = np.isinf(one["prior_sd"].values)
     unit = np.where(flat, one["sd"].values, one["prior_sd"].values)
     fig, ax, heights = forest_of((draws - one["prior_mean"].values) / unit)
@@ -148,30 +149,30 @@ def forest(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figu
     return fig
 
 
-def contraction(dataset: xr.Dataset) -> Figure:
+def contraction_figure(dataset: xr.Dataset) -> Figure:
     """Contraction of every coefficient, a row of bars for each DOF."""
     dofs = list(dict.fromkeys(dataset["dof"].values))
     most = max(int(np.sum(dataset["dof"].values == dof)) for dof in dofs)
-    words = numbers.evidence_words(dataset)
+    labels = statistics.determination_labels(dataset)
     with matplotlib.rc_context(STYLE | {"axes.grid": False}):
         fig, axes = subplots(9.0, 2.3 * len(dofs), len(dofs))
         for ax, dof in zip(axes[:, 0], dofs, strict=True):
-            mine = dataset["dof"].values == dof
-            position, height = np.arange(mine.sum()), np.maximum(dataset["contraction"].values[mine], 0.0)
-            for word, colour in _EVIDENCE_COLOURS.items():
-                which = words[mine] == word
-                ax.bar(position[which], height[which], color=colour, label=word)
+            of_dof = dataset["dof"].values == dof
+            position, height = np.arange(of_dof.sum()), np.maximum(dataset["contraction"].values[of_dof], 0.0)
+            for label, colour in _DETERMINATION_COLOURS.items():
+                which = labels[of_dof] == label
+                ax.bar(position[which], height[which], color=colour, label=label)
             ax.axhline(CONTRACTION_LIMIT, color=REFERENCE, ls="--", lw=0.8)
-            ax.set_xticks(position, dataset["coefficient"].values[mine], rotation=90, fontsize=7)
+            ax.set_xticks(position, dataset["coefficient"].values[of_dof], rotation=90, fontsize=7)
             ax.set_xlim(-0.6, most - 0.4)
             ax.set_ylim(0.0, 1.02)
             ax.set_ylabel(f"{dof}: contraction")
-        colours = {word: matplotlib.patches.Patch(color=colour) for word, colour in _EVIDENCE_COLOURS.items()}
+        colours = {label: matplotlib.patches.Patch(color=colour) for label, colour in _DETERMINATION_COLOURS.items()}
         fig.legend(colours.values(), colours, loc="outside upper center", ncols=3)
     return fig
 
 
-def directions(dataset: xr.Dataset) -> Figure:
+def directions_figure(dataset: xr.Dataset) -> Figure:
     """Share of the prior variance left along every direction, the least known first."""
     remaining = dataset["remaining_variance"].values
     with matplotlib.rc_context(STYLE):

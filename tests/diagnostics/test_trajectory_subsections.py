@@ -10,9 +10,9 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.diagnostics import page as page_module
-from pymc_ship.diagnostics import trajectory_parts
+from pymc_ship.diagnostics import trajectory_subsections
 from pymc_ship.diagnostics.agreement import Comparison, comparisons, failure_sentence
-from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
+from pymc_ship.diagnostics.trajectory_subsections import TRAJECTORIES
 from pymc_ship.inference.regression.tree import write_posterior
 from tests.diagnostics.cases import changed, hull, sampled, short_posterior, with_attrs, without
 
@@ -37,11 +37,11 @@ def section(tree):
 
 
 def parts_of(tree):
-    return {part.title: part for part in TRAJECTORIES.parts(section(tree), None, np.random.default_rng(0))}
+    return {part.title: part for part in TRAJECTORIES.subsections(section(tree), None, np.random.default_rng(0))}
 
 
 def part(name, tree, *ship):
-    return getattr(trajectory_parts, name)(tree, *ship)
+    return getattr(trajectory_subsections, name)(tree, *ship)
 
 
 def regression():
@@ -160,18 +160,9 @@ def test_the_coefficients_stand_beside_reference_and_published_values():
     tree = short_posterior()
     found = part("_coefficients", tree, hull())
     surge, caption = found.tables[0]
-    of_vessel, evidence_words = ["reference", "publ. conj.", "publ. semiconj."], ["contraction", "evidence"]
-    assert surge.heads == [
-        "coefficient",
-        *of_vessel,
-        "prior mean",
-        "prior sd",
-        "mean",
-        "sd",
-        "2.5 %",
-        "97.5 %",
-        *evidence_words,
-    ]
+    of_vessel, of_prior = ["reference", "publ. conj.", "publ. semiconj."], ["contraction", "evidence"]
+    of_posterior = ["prior mean", "prior sd", "mean", "sd", "2.5 %", "97.5 %"]
+    assert surge.heads == ["coefficient", *of_vessel, *of_posterior, *of_prior]
     assert surge.cells[0][:2] == ["Xu", "−226.2"]
     assert caption == "Surge, prime values times 1e5; equal-tailed (eti) intervals of 95 %."
     held = int(re.search(r"The 95 % intervals cover (\d+) of 53 reference values\.", found.text)[1])
@@ -268,7 +259,7 @@ def test_regressions_and_trajectories_share_a_page(tmp_path):
 
 @pytest.mark.parametrize("khat", [0.3, 0.85])
 def test_a_failing_diagnostic_is_status_3_and_the_page_is_written(monkeypatch, tmp_path, capsys, khat):
-    bare = replace(TRAJECTORIES, parts=lambda *args: [])
+    bare = replace(TRAJECTORIES, subsections=lambda *args: [])
     monkeypatch.setattr(page_module, "posterior_kind", lambda tree: bare)
     tree = with_attrs(short_posterior(), pareto_khat=khat)
     path = write_posterior(tree, tmp_path / "trials.nc")

@@ -1,4 +1,4 @@
-"""Numbers of any posterior: convergence, correlation, whiteness, cross-validation, sensitivity to the prior."""
+"""Statistics of any posterior: convergence, correlation, whiteness, cross-validation, sensitivity to the prior."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ ENVELOPE = 0.99  # probability of the simultaneous envelopes of ranks and LOO-PI
 PSENSE_LIMIT = 0.05
 """Sensitivity above which a quantity depends on power-scaling of prior or likelihood (Kallioinen et al. 2024)."""
 
+DETERMINATIONS = ("determined", "prior", "includes zero")  # by the data, by the prior, or zero within 1.96 sd
 _SAMPLE = ("chain", "draw")
 
 
@@ -222,23 +223,23 @@ def _sensitivity_diagnosis(prior: float, likelihood: float) -> str:
     return "strong prior or weak likelihood"
 
 
-def narrowing(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
+def contraction(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
     """Contraction of each coefficient, 1 - (posterior variance)/(prior variance), and which ones the data determine.
 
     A coefficient is determined when the contraction exceeds 0.9 and the mean lies more than 1.96 posterior standard
-    deviations from zero. Dims (coefficient,): ``mean``, ``sd``, ``prior_sd``, ``contraction``, ``narrowed``,
+    deviations from zero. Dims (coefficient,): ``mean``, ``sd``, ``prior_sd``, ``contraction``, ``is_contracted``,
     ``determined``.
     """
     mean, sd = draws.mean(_SAMPLE), draws.std(_SAMPLE, ddof=1)
-    shrunk = 1.0 - (sd / prior_sd) ** 2
-    narrowed = shrunk > CONTRACTION_LIMIT
-    values = {"mean": mean, "sd": sd, "prior_sd": prior_sd, "contraction": shrunk, "narrowed": narrowed}
-    return xr.Dataset({**values, "determined": narrowed & (np.abs(mean) > SD_LIMIT * sd)})
+    by_variance = 1.0 - (sd / prior_sd) ** 2
+    is_contracted = by_variance > CONTRACTION_LIMIT
+    values = {"mean": mean, "sd": sd, "prior_sd": prior_sd, "contraction": by_variance, "is_contracted": is_contracted}
+    return xr.Dataset({**values, "determined": is_contracted & (np.abs(mean) > SD_LIMIT * sd)})
 
 
-def evidence_words(results: xr.Dataset) -> np.ndarray:
-    """Word on each coefficient of :func:`narrowing`: "determined", "includes zero" or "prior"."""
-    return np.where(results["determined"], "determined", np.where(results["narrowed"], "includes zero", "prior"))
+def determination_labels(results: xr.Dataset) -> np.ndarray:
+    """One of :data:`DETERMINATIONS` for each coefficient of :func:`contraction`."""
+    return np.where(results["determined"], "determined", np.where(results["is_contracted"], "includes zero", "prior"))
 
 
 def loadings(vector: np.ndarray, names: Sequence[str], count: int) -> str:

@@ -1,4 +1,4 @@
-"""Parts of the section on a trajectory fit."""
+"""Subsections on a trajectory fit."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics import numbers, parts, trajectory, trajectory_figures
+from pymc_ship.diagnostics import posterior_statistics as statistics
+from pymc_ship.diagnostics import subsections, trajectory, trajectory_figures
 from pymc_ship.diagnostics.agreement import Comparison
-from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, TAILS, WHITENESS_LEVEL
-from pymc_ship.diagnostics.parts import Part, PosteriorKind
+from pymc_ship.diagnostics.posterior_statistics import CI_PROB, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.subsections import PosteriorKind, Subsection
 from pymc_ship.diagnostics.tables import chain_table, coefficient_table, sensitivity_table
-from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
+from pymc_ship.diagnostics.trajectory import PRIOR_VARIABLES, RESIDUAL_VARIABLES
 from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.inference.trajectory.posterior import verdict as khat_verdict
@@ -44,21 +45,21 @@ _n = number(3)
 def _verdict(one: Comparison) -> list[str]:
     """Sentences at the head: convergence, contraction, noise, residuals, starts and divergences."""
     tree = one.posterior
-    lines = [parts.convergence_sentence(one)]
+    lines = [subsections.convergence_sentence(one)]
     if tree.attrs["method"] == "trajectory":
         khat = float(tree.attrs["pareto_khat"])
         lines.append(f"Pareto k-hat {khat:.2f} (limit {KHAT_LIMIT:g}): {khat_verdict(khat)}.")
-    lacking = parts.missing_sentence(tree, *PRIOR)
-    lines += [f"What the records determine is not known: {lacking}"] if lacking else _evidence_lines(tree)
+    lacking = subsections.missing_sentence(tree, *PRIOR_VARIABLES)
+    lines += [f"What the records determine is not known: {lacking}"] if lacking else _determination_lines(tree)
     lines += [tree.attrs["noise_sentence"], _white(tree)]
     agreeing, starts = int(tree.attrs["starts_agreeing"]), int(tree.attrs["starts"])
     lines.append(f"{agreeing} of {starts} starts of the fit ended at this mode; {_divergence_text(tree)}.")
-    return [*lines, *parts.record_remarks(tree)]
+    return [*lines, *subsections.record_remarks(tree)]
 
 
-def _evidence_lines(tree: xr.DataTree) -> list[str]:
+def _determination_lines(tree: xr.DataTree) -> list[str]:
     contraction, along = trajectory.contraction(tree), trajectory.directions(tree)
-    text, total = parts.evidence_sentence(contraction), contraction.sizes["coefficient"]
+    text, total = subsections.determination_sentence(contraction), contraction.sizes["coefficient"]
     proper = total - along.attrs["n_flat"]
     if not proper:
         return [f"{text} Every coefficient has a flat prior, which nothing can follow."]
@@ -73,21 +74,21 @@ def _evidence_lines(tree: xr.DataTree) -> list[str]:
 
 
 def _white(tree: xr.DataTree) -> str:
-    if lacking := parts.missing_sentence(tree, *RECORDS):
+    if lacking := subsections.missing_sentence(tree, *RESIDUAL_VARIABLES):
         return f"The residuals are not known: {lacking}"
     rows = trajectory.channel_rows(tree)
     worst = min(rows, key=lambda row: row["p_value"])
-    numbers = (
+    measured = (
         f"least Ljung-Box p = {_n(worst['p_value'])} of {len(rows)}, r1 = {_n(worst['r1'])}, channel "
         f"{worst['channel']} of run {worst['run']}"
     )
     if worst["p_value"] >= WHITENESS_LEVEL / len(rows):
-        return f"Under this noise the residuals pass for white ({numbers})."
-    return f"Under this noise the residuals are still autocorrelated ({numbers}): intervals are too narrow."
+        return f"Under this noise the residuals pass for white ({measured})."
+    return f"Under this noise the residuals are still autocorrelated ({measured}): intervals are too narrow."
 
 
 def _divergence_text(tree: xr.DataTree) -> str:
-    if numbers.has(tree, "sample_stats/diverging"):
+    if statistics.has(tree, "sample_stats/diverging"):
         return f"{int(tree['sample_stats']['diverging'].sum())} transitions of the sampler diverged"
     if "share_diverged" in tree.attrs:
         return f"with {100 * float(tree.attrs['share_diverged']):.3g} % of the draws the ship diverged on the records"
@@ -109,10 +110,10 @@ def _origin(one: Comparison) -> str:
     )
 
 
-def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
-    """Every part of a section, in order."""
+def _subsections(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Subsection]:
+    """Every subsection, in order."""
     tree = one.posterior
-    sampled = [_chains(tree), parts.energy_part(tree)] if tree.attrs["method"] != "trajectory" else []
+    sampled = [_chains(tree), subsections.energy_subsection(tree)] if tree.attrs["method"] != "trajectory" else []
     return [
         _convergence(one),
         *sampled,
@@ -121,14 +122,14 @@ def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> li
         _coefficients(tree, ship),
         _contraction(tree),
         _directions(tree),
-        parts.correlation_part(tree, trajectory.dofs(tree)),
+        subsections.correlation_subsection(tree, trajectory.dofs(tree)),
         _leave_one_out(tree),
         _sensitivity(tree),
         _ships(tree, ship, rng),
     ]
 
 
-def _convergence(one: Comparison) -> Part:
+def _convergence(one: Comparison) -> Subsection:
     text = (
         "The draws are independent, so there are no chains to test. Pareto k-hat is the shape of the tail of the "
         f"importance weights from the normal approximation to the posterior. Up to {KHAT_LIMIT:g} its means and "
@@ -136,35 +137,36 @@ def _convergence(one: Comparison) -> Part:
     )
     if one.posterior.attrs["method"] != "trajectory":
         text = "Over all coefficients, initial states and sensor offsets."
-    return Part("Convergence diagnostics", text, [(parts.diagnostics_table(one), "Worst value against its limit.")])
+    worst = subsections.diagnostics_table(one), "Worst value against its limit."
+    return Subsection("Convergence diagnostics", text, [worst])
 
 
-def _chains(tree: xr.DataTree) -> Part:
-    dataset = numbers.summary(tree)
+def _chains(tree: xr.DataTree) -> Subsection:
+    dataset = statistics.summary(tree)
     names = [str(name) for name in dataset["quantity"].values]
     worst = np.argsort(-np.nan_to_num(dataset["r_hat"].values, nan=np.inf), kind="stable")[:_LISTED]
     coefficients = set(map(str, tree["posterior"].dataset["coefficient"].values))
     chosen = [names[k] for k in worst if names[k] in coefficients][:1]
-    pair = numbers.correlated_pairs(tree, 1)[:1]
+    pair = statistics.correlated_pairs(tree, 1)[:1]
     chosen = list(dict.fromkeys([*chosen, *(name for one in pair for name in (one["first"], one["second"]))]))
     text = "Drawn are the coefficient of largest R-hat and the most correlated pair (prime values times 1e5)."
     rows, caption = chain_table(dataset.isel(quantity=worst), errors=False), "The {} quantities of largest R-hat."
-    return Part("Chains", text, [(rows, caption.format(len(worst)))], parts.chain_images(tree, chosen))
+    return Subsection("Chains", text, [(rows, caption.format(len(worst)))], subsections.chain_images(tree, chosen))
 
 
-def _motion(tree: xr.DataTree) -> Part:
+def _motion(tree: xr.DataTree) -> Subsection:
     title = "Measured and fitted motion"
-    if lacking := parts.missing_sentence(tree, *RECORDS, "constant_data/motion"):
-        return Part(title, f"Not shown: {lacking}")
+    if lacking := subsections.missing_sentence(tree, *RESIDUAL_VARIABLES, "constant_data/motion"):
+        return Subsection(title, f"Not shown: {lacking}")
     caption = "Run {}: block means and the motion at the posterior mode; below, residuals in sd of a block."
     runs = range(tree["constant_data"].sizes["run_index"])
-    images = [(f"motion-{k + 1}", trajectory_figures.motion(tree, k), caption.format(k + 1)) for k in runs]
-    return Part(title, "", [], images)
+    images = [(f"motion-{k + 1}", trajectory_figures.motion_figure(tree, k), caption.format(k + 1)) for k in runs]
+    return Subsection(title, "", [], images)
 
 
-def _residuals(tree: xr.DataTree) -> Part:
-    if lacking := parts.missing_sentence(tree, *RECORDS):
-        return Part("Residuals", f"Not shown: {lacking}")
+def _residuals(tree: xr.DataTree) -> Subsection:
+    if lacking := subsections.missing_sentence(tree, *RESIDUAL_VARIABLES):
+        return Subsection("Residuals", f"Not shown: {lacking}")
     dataset, rows = trajectory.residuals(tree), trajectory.channel_rows(tree)
     columns = heads(number(4), run="run") | heads(str, channel="channel") | heads(number(6), blocks="blocks")
     columns |= heads(_n, block_sd="sd of a block", offset="offset") | heads(str, unit="unit")
@@ -183,17 +185,17 @@ def _residuals(tree: xr.DataTree) -> Part:
     text = _white(tree) + (student if tree.attrs["noise_model"].startswith("student_t") else "")
     band = "Their autocorrelation; band of each run ± 1.96/√n."
     against = "Quantiles of these residuals against those of the normal."
-    images = [("autocorrelation", trajectory_figures.autocorrelation(dataset), band)]
-    images.append(("quantiles", trajectory_figures.quantiles(dataset), against))
-    return Part("Residuals", text, [(table(rows, columns), caption)], images)
+    images = [("autocorrelation", trajectory_figures.autocorrelation_figure(dataset), band)]
+    images.append(("quantiles", trajectory_figures.quantiles_figure(dataset), against))
+    return Subsection("Residuals", text, [(table(rows, columns), caption)], images)
 
 
-def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
+def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Subsection:
     title = "Coefficients"
-    if lacking := parts.missing_sentence(tree, *PRIOR):
-        return Part(title, f"Not shown: {lacking}")
+    if lacking := subsections.missing_sentence(tree, *PRIOR_VARIABLES):
+        return Subsection(title, f"Not shown: {lacking}")
     dataset = trajectory.contraction(tree)
-    tails = tree["posterior"].dataset["coefficients"].quantile(TAILS, ("chain", "draw"))
+    tails = tree["posterior"].dataset["coefficients"].quantile(statistics.TAILS, ("chain", "draw"))
     dataset = dataset.assign(lower=tails[0].drop_vars("quantile"), upper=tails[1].drop_vars("quantile"))
     tables, images, inside, total = [], [], 0, 0
     for dof in dict.fromkeys(map(str, dataset["dof"].values)):
@@ -202,13 +204,13 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
         if ship:
             within = (one["lower"].values <= marks["reference"]) & (marks["reference"] <= one["upper"].values)
             inside, total = inside + int(within.sum()), total + within.size
-        values = "parameters" if dof == trajectory.PARTS else "prime values"
+        values = "parameters" if dof == trajectory.MODULAR_GROUP else "prime values"
         caption = f"{dof.capitalize()}, {values} times 1e5; equal-tailed (eti) intervals of {_CI}."
         tables.append((coefficient_table(one, one, marks), caption))
         intervals = f"{dof.capitalize()}: mean, 50 % and {_CI} eti."
-        images.append((f"forest-{dof}", trajectory_figures.forest(tree, dof, marks), intervals))
+        images.append((f"forest-{dof}", trajectory_figures.forest_figure(tree, dof, marks), intervals))
     coverage_text = f" The {_CI} intervals cover {inside} of {total} reference values." if ship else ""
-    return Part(title, f"{parts.EVIDENCE_WORDS}{coverage_text}", tables, images)
+    return Subsection(title, f"{subsections.DETERMINATION_TEXT}{coverage_text}", tables, images)
 
 
 def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -219,27 +221,27 @@ def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.
     reference = np.array([known[name] for name in names])
     if dof not in ship.forces:
         return {"reference": reference}
-    published = parts.published_estimates(ship, dof).items()
+    published = subsections.published_estimates(ship, dof).items()
     return {"reference": reference} | {f"publ. {name.removesuffix('ugate')}.": values for name, values in published}
 
 
-def _contraction(tree: xr.DataTree) -> Part:
+def _contraction(tree: xr.DataTree) -> Subsection:
     title = "Contraction"
-    if lacking := parts.missing_sentence(tree, *PRIOR):
-        return Part(title, f"Not shown: {lacking}")
+    if lacking := subsections.missing_sentence(tree, *PRIOR_VARIABLES):
+        return Subsection(title, f"Not shown: {lacking}")
     text = "Contraction is 1 − posterior variance / prior variance at its median factors; 1 under a flat prior."
-    caption = f"Contraction of every coefficient; dashed: limit {CONTRACTION_LIMIT:g}."
-    figure = trajectory_figures.contraction(trajectory.contraction(tree))
-    return Part(title, text, [], [("contraction", figure, caption)])
+    caption = f"Contraction of every coefficient; dashed: limit {statistics.CONTRACTION_LIMIT:g}."
+    figure = trajectory_figures.contraction_figure(trajectory.contraction(tree))
+    return Subsection(title, text, [], [("contraction", figure, caption)])
 
 
-def _directions(tree: xr.DataTree) -> Part:
+def _directions(tree: xr.DataTree) -> Subsection:
     title = "Directions that stay unknown"
-    if lacking := parts.missing_sentence(tree, *PRIOR):
-        return Part(title, f"Not shown: {lacking}")
+    if lacking := subsections.missing_sentence(tree, *PRIOR_VARIABLES):
+        return Subsection(title, f"Not shown: {lacking}")
     dataset = trajectory.directions(tree)
     if not dataset.sizes["direction"]:
-        return Part(title, "Not shown: every coefficient has a flat prior, which gives a direction no unit.")
+        return Subsection(title, "Not shown: every coefficient has a flat prior, which gives a direction no unit.")
     count = min(max(_WEAKEST, dataset.attrs["n_unknown"]), dataset.sizes["direction"])
     rows = [
         {"remaining": float(dataset["remaining_variance"][k]), "direction": str(dataset["text"].values[k])}
@@ -254,28 +256,28 @@ def _directions(tree: xr.DataTree) -> Part:
     )
     caption = f"The {len(rows)} least known directions."
     left = f"Prior variance left along every direction; dashed: {UNKNOWN:g}."
-    image = ("directions", trajectory_figures.directions(dataset), left)
-    return Part(title, text, [(table(rows, columns), caption)], [image])
+    image = ("directions", trajectory_figures.directions_figure(dataset), left)
+    return Subsection(title, text, [(table(rows, columns), caption)], [image])
 
 
-def _leave_one_out(tree: xr.DataTree) -> Part:
+def _leave_one_out(tree: xr.DataTree) -> Subsection:
     title = "Leave-one-out by block"
-    if lacking := parts.missing_sentence(tree, "log_likelihood/response"):
-        return Part(title, f"Not shown: {lacking}")
-    loo = numbers.cross_validation(trajectory.without_diverged_draws(tree))
+    if lacking := subsections.missing_sentence(tree, "log_likelihood/response"):
+        return Subsection(title, f"Not shown: {lacking}")
+    loo = statistics.cross_validation(trajectory.without_diverged_draws(tree))
     text = (
-        f"{parts.loo_sentences(loo, 'block', 6)} Neighbouring blocks of a trajectory are not exchangeable, so the "
-        "elpd compares models of the same record only. For the forecast of a manoeuvre leave out whole runs, or the "
-        "future of one."
+        f"{subsections.loo_sentences(loo, 'block', 6)} Neighbouring blocks of a trajectory are not exchangeable, so "
+        "the elpd compares models of the same record only. For the forecast of a manoeuvre leave out whole runs, or "
+        "the future of one."
     )
-    return Part(title, text, [], [parts.pareto_image(loo, "block")])
+    return Subsection(title, text, [], [subsections.pareto_image(loo, "block")])
 
 
-def _sensitivity(tree: xr.DataTree) -> Part:
+def _sensitivity(tree: xr.DataTree) -> Subsection:
     title = "Sensitivity to prior and likelihood"
-    if lacking := parts.missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
-        return Part(title, f"Not shown: {lacking}")
-    rows = numbers.prior_sensitivity(trajectory.without_diverged_draws(tree))
+    if lacking := subsections.missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
+        return Subsection(title, f"Not shown: {lacking}")
+    rows = statistics.prior_sensitivity(trajectory.without_diverged_draws(tree))
     moved = sum(row["prior"] > PSENSE_LIMIT for row in rows)
     text = f"{moved} of {len(rows)} coefficients move with the prior at the median factors of its scales."
     shown = sorted(rows, key=lambda row: -row["prior"])[:_LISTED]
@@ -283,19 +285,19 @@ def _sensitivity(tree: xr.DataTree) -> Part:
         f"The {len(shown)} most sensitive to the prior. Power-scaling by 0.99 and 1.01 (psense); above "
         f"{PSENSE_LIMIT:g} a coefficient is moved."
     )
-    return Part(title, text, [(sensitivity_table(shown, "coefficient"), caption)])
+    return Subsection(title, text, [(sensitivity_table(shown, "coefficient"), caption)])
 
 
-def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Part:
+def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Subsection:
     """Ships of the prior at its median factors."""
-    if lacking := parts.missing_sentence(tree, *PRIOR):
-        return Part(parts.SHIPS_TITLE, f"Not shown: {lacking}")
+    if lacking := subsections.missing_sentence(tree, *PRIOR_VARIABLES):
+        return Subsection(subsections.SHIPS_TITLE, f"Not shown: {lacking}")
     prior = trajectory.prior_of(tree)
     if not np.isfinite(prior.scale).all():
-        return Part(parts.SHIPS_TITLE, "Not shown: a coefficient with a flat prior has no draws.")
-    part = parts.ships_part(tree, ship, prior, rng)
-    part.text += " The records chose the factors of its scales." * bool(part.tables)
-    return part
+        return Subsection(subsections.SHIPS_TITLE, "Not shown: a coefficient with a flat prior has no draws.")
+    subsection = subsections.ships_subsection(tree, ship, prior, rng)
+    subsection.text += " The records chose the factors of its scales." * bool(subsection.tables)
+    return subsection
 
 
 def _coefficient_names(vessel: Vessel, _: xr.DataTree) -> list[str]:
@@ -308,8 +310,8 @@ TRAJECTORIES = PosteriorKind(
     coefficient_names=_coefficient_names,
     verdict=_verdict,
     origin=_origin,
-    parts=_parts,
-    contraction=lambda tree: None if numbers.missing(tree, *PRIOR) else trajectory.contraction(tree),
+    subsections=_subsections,
+    contraction=lambda tree: None if statistics.missing(tree, *PRIOR_VARIABLES) else trajectory.contraction(tree),
     defaults=_DEFAULTS,
     sources=_SOURCES,
 )

@@ -1,4 +1,4 @@
-"""Part of the page on the ships that prior and posterior hold."""
+"""Subsection of the page on the ships that prior and posterior hold."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.diagnostics import parts
+from pymc_ship.diagnostics import subsections
 from pymc_ship.diagnostics.regression import data_of, prior_of
-from pymc_ship.diagnostics.regression_parts import _ships as of_regression
+from pymc_ship.diagnostics.regression_subsections import _ships as of_regression
 from pymc_ship.diagnostics.trajectory import prior_of as trajectory_prior
-from pymc_ship.diagnostics.trajectory_parts import _ships as of_trajectories
+from pymc_ship.diagnostics.trajectory_subsections import _ships as of_trajectories
 from pymc_ship.ships.forecasting.prior_ships import index_row, share_row
 from tests.diagnostics.cases import hull, short_posterior, without
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.filterwarnings("error")
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
-    monkeypatch.setattr(parts, "SHIPS", 40)
+    monkeypatch.setattr(subsections, "SHIPS", 40)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def rng():
 
 
 def cells(part, which):
-    """Table of a part as rows by head."""
+    """Table of a subsection as rows by head."""
     found = part.tables[which][0]
     return [dict(zip(found.heads, row, strict=True)) for row in found.cells]
 

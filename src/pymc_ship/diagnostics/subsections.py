@@ -1,4 +1,4 @@
-"""Parts of a section of the diagnostic page, and those that every section shares."""
+"""Kinds of posterior, and the subsections of the diagnostic page that they share."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.diagnostics import figures, numbers
+from pymc_ship.diagnostics import figures
+from pymc_ship.diagnostics import posterior_statistics as statistics
 from pymc_ship.diagnostics.agreement import Comparison
-from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, SD_LIMIT
+from pymc_ship.diagnostics.posterior_statistics import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, SD_LIMIT
 from pymc_ship.diagnostics.tables import ENDS
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
@@ -35,18 +36,18 @@ if TYPE_CHECKING:
 SHIPS = 200
 """Ships of the prior, and of the posterior, in each manoeuvre of a section: a share of a half is known to 3.5 %."""
 
-SHIPS_TITLE = "Ships of the prior and of the posterior"  # title of the part on ships drawn from the prior
+SHIPS_TITLE = "Ships of the prior and of the posterior"  # title of the subsection on ships drawn from the prior
 _SHARES = heads(str, manoeuvre="manoeuvre", of="ships of the") | ENDS
 _BANDS = heads(str, index="index", manoeuvre="manoeuvre", prior="prior") | heads(
     fixed_point(1), prior_reached="reached %"
 )
 _BANDS |= heads(str, posterior="posterior") | heads(fixed_point(1), posterior_reached="reached %")
 
-EVIDENCE_WORDS = (
+DETERMINATION_TEXT = (
     f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
     f"{CONTRACTION_LIMIT:g}; includes zero: narrowed by the data, but zero lies within {SD_LIMIT:g} sd of the mean."
 )
-"""Meaning of the words of :func:`pymc_ship.diagnostics.numbers.evidence_words`."""
+"""Meaning of :data:`pymc_ship.diagnostics.posterior_statistics.DETERMINATIONS`."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +58,15 @@ class PosteriorKind:
     coefficient_names: Callable[[Vessel, xr.DataTree], list[str]]  # in order
     verdict: Callable[[Comparison], list[str]]  # sentences at the head
     origin: Callable[[Comparison], str]  # sentence on the origin of the draws
-    parts: Callable[[Comparison, Vessel | None, np.random.Generator], list[Part]]  # in order
+    subsections: Callable[[Comparison, Vessel | None, np.random.Generator], list[Subsection]]  # in order
     contraction: Callable[[xr.DataTree], xr.Dataset | None] = lambda _: None  # None where prior or data are missing
     defaults: str = ""  # limits of such a section, beyond those of all sections
     sources: tuple[str, ...] = ()  # literature, likewise
 
 
 @dataclass
-class Part:
-    """One part of a section: title, text, tables and figures with their captions."""
+class Subsection:
+    """One subsection of a section of the page: title, text, tables and figures with their captions."""
 
     title: str
     text: str = ""
@@ -93,7 +94,7 @@ def published_estimates(ship: Vessel | None, dof: str) -> dict[str, np.ndarray]:
 
 def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
     """Sentence on the missing variables; empty where all are there."""
-    lacking = numbers.missing(tree, *wanted)
+    lacking = statistics.missing(tree, *wanted)
     return f"the tree has no {' and no '.join(lacking)}." if lacking else ""
 
 
@@ -101,24 +102,24 @@ def diagnostics_table(one: Comparison) -> Table:
     """Worst value of every convergence diagnostic of each method, and its limit."""
     columns = heads(str, method="method") if len(one.trees) > 1 else {}
     columns |= heads(str, diagnostic="diagnostic") | heads(number(4), value="value")
-    columns |= heads(str, where="of", limit="limit", judged="passes")
+    columns |= heads(str, where="of", limit="limit", passes="passes")
     rows = [
-        {"method": method, **row, "judged": "yes" if row["passes"] else "no"}
+        {"method": method, **row, "passes": "yes" if row["passes"] else "no"}
         for method, diagnostics in one.convergence_diagnostics.items()
         for row in diagnostics
     ]
     return table(rows, columns)
 
 
-def evidence_counts(contraction: xr.Dataset) -> tuple[int, int, int]:
+def determination_counts(contraction: xr.Dataset) -> tuple[int, ...]:
     """How many coefficients the data determine, how many follow the prior, and how many intervals include zero."""
-    determined, prior = int(contraction["determined"].sum()), int((~contraction["narrowed"]).sum())
-    return determined, prior, contraction.sizes["coefficient"] - determined - prior
+    labels = statistics.determination_labels(contraction).tolist()
+    return tuple(map(labels.count, statistics.DETERMINATIONS))
 
 
-def evidence_sentence(contraction: xr.Dataset) -> str:
+def determination_sentence(contraction: xr.Dataset) -> str:
     """Sentence on what determines the coefficients."""
-    determined, prior, zero = evidence_counts(contraction)
+    determined, prior, zero = determination_counts(contraction)
     rest = [f"{prior} follow{'s' * (prior == 1)} the prior"] if prior else []
     verb = "has an interval that includes" if zero == 1 else "have intervals that include"
     rest += [f"{zero} {verb} zero"] if zero else []
@@ -134,7 +135,7 @@ def chain_images(tree: xr.DataTree, names: list[str]) -> list[tuple[str, Figure,
     )
     growth = (
         f"Bulk (blue) and tail ESS (orange) against the number of draws at {figures.ESS_POINTS} points; "
-        f"dashed: {numbers.ESS_LIMIT:g}."
+        f"dashed: {statistics.ESS_LIMIT:g}."
     )
     images = [("trace", figures.trace(tree, names), "Trace, one colour a chain.")]
     if tree["posterior"].sizes["chain"] > 1:
@@ -142,25 +143,26 @@ def chain_images(tree: xr.DataTree, names: list[str]) -> list[tuple[str, Figure,
     return [*images, ("ess", figures.effective_sample_size(tree, names), growth)]
 
 
-def energy_part(tree: xr.DataTree) -> Part:
+def energy_subsection(tree: xr.DataTree) -> Subsection:
     """E-BFMI and energies of a Hamiltonian sampler."""
     if lacking := missing_sentence(tree, "sample_stats/energy"):
-        return Part("Energy", f"Not shown: {lacking}")
-    caption = f"E-BFMI of each chain, limit {numbers.E_BFMI_LIMIT:g}; marginal energy and its transitions."
-    return Part("Energy", "", [], [("energy", figures.energy(tree), caption)])
+        return Subsection("Energy", f"Not shown: {lacking}")
+    caption = f"E-BFMI of each chain, limit {statistics.E_BFMI_LIMIT:g}; marginal energy and its transitions."
+    return Subsection("Energy", "", [], [("energy", figures.energy(tree), caption)])
 
 
-def correlation_part(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Part:
+def correlation_subsection(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Subsection:
     """Strongest posterior correlations, draws of the first pair, and a heat map with lines between ``dofs``."""
-    title, pairs = "Correlation of the coefficients", numbers.correlated_pairs(tree)
+    title, pairs = "Correlation of the coefficients", statistics.correlated_pairs(tree)
     if not pairs or pairs[0]["correlation"] == 0.0:
-        return Part(title, "Not shown: there is no pair of coefficients that vary.")
+        return Subsection(title, "Not shown: there is no pair of coefficients that vary.")
     columns = heads(str, first="coefficient", second="and") | heads(fixed_point(4), correlation="posterior correlation")
+    strongest = table(pairs, columns), f"The {len(pairs)} strongest posterior correlations."
     caption = f"Posterior correlation of all coefficients{', degrees of freedom parted' * bool(dofs)}."
     shown = f"About {figures.PAIR_DRAWS} draws of the most correlated pair, with marginals."
     pair = figures.pair(tree, [pairs[0]["first"], pairs[0]["second"]])
     images = [("pair", pair, shown), ("correlation", figures.correlation(tree, dofs), caption)]
-    return Part(title, "", [(table(pairs, columns), f"The {len(pairs)} strongest posterior correlations.")], images)
+    return Subsection(title, "", [strongest], images)
 
 
 def pareto_image(loo: ELPDData, unit: str) -> tuple[str, Figure, str]:
@@ -179,22 +181,22 @@ def loo_sentences(loo: ELPDData, unit: str, digits: int) -> str:
     )
 
 
-def ships_part(
+def ships_subsection(
     tree: xr.DataTree,
     ship: Vessel | None,
     prior: CoefficientPrior | dict[str, RegressionPrior],
     rng: np.random.Generator,
-) -> Part:
+) -> Subsection:
     """Draws of prior and posterior in the standard manoeuvres: how they end, and bands of their indices.
 
     Degrees of freedom outside the regression have the vessel's reference values under both.
     """
     if ship is None:
-        return Part(SHIPS_TITLE, "Not shown: the simulation needs a vessel; give it by --vessel.")
+        return Subsection(SHIPS_TITLE, "Not shown: the simulation needs a vessel; give it by --vessel.")
     try:
         ship.check_model()
     except VesselError as error:
-        return Part(SHIPS_TITLE, f"Not shown: {error}")
+        return Subsection(SHIPS_TITLE, f"Not shown: {error}")
     posterior = tree if isinstance(prior, CoefficientPrior) else dict.fromkeys(prior, tree)
     shares, bands, drawn = [], [], []
     for manoeuvre, names in STANDARD.items():
@@ -220,7 +222,7 @@ def ships_part(
         (table(bands, _BANDS), f"Equal-tailed bands of {percent(CI_PROB)} over the ships that reach the index."),
     ]
     caption = f"Median and equal-tailed {percent(CI_PROB)} of the indices under prior (grey) and posterior (blue)."
-    return Part(SHIPS_TITLE, text, tables, [("ships", figures.index_bands(drawn), caption)])
+    return Subsection(SHIPS_TITLE, text, tables, [("ships", figures.index_bands(drawn), caption)])
 
 
 def _band_cells(one: dict[str, dict]) -> dict:

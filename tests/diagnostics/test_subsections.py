@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymc_ship.diagnostics import regression_parts
+from pymc_ship.diagnostics import regression_subsections
 from pymc_ship.diagnostics.agreement import Comparison, comparisons
 from pymc_ship.diagnostics.regression import contraction
-from pymc_ship.diagnostics.regression_parts import REGRESSION
+from pymc_ship.diagnostics.regression_subsections import REGRESSION
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from tests.diagnostics.cases import without
 from tests.diagnostics.regressions import posterior, three_ways, verdict_on
@@ -60,7 +60,7 @@ def test_a_part_for_every_group_of_nuts(good):
     drawn = xr.Dataset({"response": (("chain", "draw", "row"), response)})
     groups = {"sample_stats": xr.DataTree(stats), "posterior_predictive": xr.DataTree(drawn)}
     tree = without(good, "log_likelihood").assign(groups)
-    found = {part.title: part for part in REGRESSION.parts(Comparison("x", {"x": tree}), None, rng)}
+    found = {part.title: part for part in REGRESSION.subsections(Comparison("x", {"x": tree}), None, rng)}
     assert [image[0] for image in found["Energy"].images] == ["energy"]
     assert "as the tree holds them" in found["Prior and posterior predictive check"].text
     assert found["Convergence diagnostics"].text == ""
@@ -77,7 +77,7 @@ def test_a_part_for_every_group_of_nuts(good):
 )
 def test_why_there_is_no_agreement_is_said(monkeypatch, trees, sentence):
     (one,) = comparisons(trees(three_ways()))
-    part = regression_parts._agreement(one)
+    part = regression_subsections._agreement(one)
     assert (part.text, part.tables) == (f"Not shown: {sentence}.", [])
 
 

@@ -1,4 +1,4 @@
-"""Part on the differences between the groups of a hierarchical posterior."""
+"""Subsection on the differences between the groups of a hierarchical posterior."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.diagnostics.numbers import CI_PROB, ESS_LIMIT, R_HAT_LIMIT, TAILS, has
-from pymc_ship.diagnostics.parts import Part
+from pymc_ship.diagnostics.posterior_statistics import CI_PROB, ESS_LIMIT, R_HAT_LIMIT, TAILS, has
+from pymc_ship.diagnostics.subsections import Subsection
 from pymc_ship.pages.drawing import BLUE, NOISE, RUST, house_style, subplots
 from pymc_ship.pages.tables import Columns, Table, number, percent, table
 
@@ -32,7 +32,7 @@ def group_differences(tree: xr.DataTree) -> xr.Dataset:
     return xr.Dataset(moments).assign(differs=(low > 0.0) | (high < 0.0))
 
 
-def groups_part(tree: xr.DataTree) -> list[Part]:
+def groups_subsection(tree: xr.DataTree) -> list[Subsection]:
     """Differences between the groups of a hierarchical posterior; empty for other posteriors."""
     if not has(tree, "posterior/group_coefficients"):
         return []
@@ -57,7 +57,7 @@ def groups_part(tree: xr.DataTree) -> list[Part]:
         "Prime values times 1e5: mean ± sd of each group, sd between groups, and differences with their intervals."
     )
     figure = ("groups", _figure(draws), f"Mean and {interval} interval of each group over the sd of their mean.")
-    return [Part("Groups", text, [(_table(tree, differences), caption)], [figure])]
+    return [Subsection("Groups", text, [(_table(tree, differences), caption)], [figure])]
 
 
 def _convergence_text(tree: xr.DataTree) -> str:
