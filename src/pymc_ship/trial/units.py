@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-_DEG, _KNOT, _FOOT = math.pi / 180.0, 1852.0 / 3600.0, 0.3048
+_DEG, KNOT, _FOOT = math.pi / 180.0, 1852.0 / 3600.0, 0.3048
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ METRE = Unit(
 METRE_PER_SECOND = Unit(
     "m/s",
     {"m/s": 1.0, "ms-1": 1.0, "km/h": 1 / 3.6, "ft/s": _FOOT}
-    | dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), _KNOT),
+    | dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), KNOT),
     froude=0.5,
 )
 RADIAN = Unit(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.records.checks.kinematics import RateFit, _rate_scale
+from pymc_ship.records.checks.kinematics import RateFit, _rate_scale_check
 from pymc_ship.records.checks.mistakes import UNEXPLAINED
 from pymc_ship.records.checks.track import earth_velocity
 from tests.records.checks.cases import alarms, changed, checks_by_name, lever, noisy, offset, simulated, steered, units
@@ -134,7 +134,7 @@ def test_a_track_that_nothing_mends_is_refused(zigzag, container):
 def test_a_scale_is_wrong_only_beyond_what_the_record_can_tell(slope, error, verdict):
     """10 % are bad, 2 % doubtful, where they are several standard errors."""
     fit = RateFit(slope, error, 0.1, 1.0, 0.0, 1.0, np.ones(1, dtype=bool))
-    assert _rate_scale("r", "psi", fit, lambda **_: ((), UNEXPLAINED)).verdict == verdict
+    assert _rate_scale_check("r", "psi", fit, lambda **_: ((), UNEXPLAINED)).verdict == verdict
 
 
 def test_a_scale_error_in_a_steady_turn_is_not_mended_as_an_offset(container):

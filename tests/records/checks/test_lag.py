@@ -8,7 +8,8 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.records.checks.lag import LAG, NAME, READINGS, VelocityLag, common_lag, lag_of
 from pymc_ship.records.checks.track import body_velocity, earth_velocity
-from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check
+from pymc_ship.records.checks.verdicts import Check
+from pymc_ship.records.files.ship_scale import SIGNIFICANT
 from tests.records.checks.cases import changed, checks_by_name, lever, noisy
 
 SECONDS = 0.8

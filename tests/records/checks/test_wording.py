@@ -14,7 +14,7 @@ from tests.records.checks.cases import (
     with_samples,
 )
 from tests.records.checks.test_plausibility import scaled, trackless
-from tests.records.checks.test_surroundings import blown
+from tests.records.checks.test_revolutions_and_wind import blown
 from tests.sentences import wording
 
 

@@ -80,5 +80,5 @@ def test_half_a_standard_error_would_show_wrong_sides(run, monkeypatch):
         for _ in range(20)
     ]
     assert {shown_side(trial) for trial in noise} == {""}
-    monkeypatch.setattr(sides, "_CERTAIN", 0.5)
+    monkeypatch.setattr(sides, "SIGNIFICANT", 0.5)
     assert {"port", "starboard"} <= {shown_side(trial) for trial in noise}

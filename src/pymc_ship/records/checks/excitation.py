@@ -9,8 +9,8 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.forces.terms import evaluate
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.vessel import LETTER, Vessel
-from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, missing_channels_text, not_checked, straight_approach
-from pymc_ship.records.files.ship_scale import Blocks, ShipScale
+from pymc_ship.records.checks.verdicts import Check, missing_channels_text, not_checked, straight_approach
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale
 from pymc_ship.records.steering.approach import speed_trend
 from pymc_ship.trial.record import sampling_interval
 

@@ -14,7 +14,6 @@ import xarray as xr
 
 from pymc_ship.records.checks.mistakes import SPEED_UNITS, UNEXPLAINED, Mistake, explanation
 from pymc_ship.records.checks.verdicts import (
-    SIGNIFICANT,
     SLOW,
     Check,
     Numbers,
@@ -24,14 +23,14 @@ from pymc_ship.records.checks.verdicts import (
     not_checked,
     straight_approach,
 )
-from pymc_ship.records.files.ship_scale import Blocks, ShipScale, least_squares, ship_blocks
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1  # scale error of a rate from which it is doubtful, and from which it is bad
-SLIGHT = 0.03  # changes of an angle, as fraction, that its rate leaves, from which a known mistake is sought
-FOLLOWS, UNRELATED = 0.1, 0.5  # changes of an angle, as fraction, that its rate may leave; from which it is bad
-NOISY = 3.0  # ratio of what a rate leaves to the noise of the record from which it is no noise
-SPOILT = 0.25  # largest fraction of the blocks that is judged apart from the rest
+RESIDUAL_SUSPECT = 0.03  # residual of a rate over the changes of its angle from which a known mistake is sought
+RESIDUAL_MATCH, RESIDUAL_BAD = 0.1, 0.5  # such a residual up to which the rate matches; from which it is bad
+NOISE_FACTOR = 3.0  # ratio of a residual to the noise of the record from which it is more than noise
+OUTLIER_FRACTION = 0.25  # largest fraction of the blocks that is left out as outliers
 SPEED_BAD = 0.2  # scale error of the speed from which it is bad: larger than by a current or a log
 HEADING_DRIFT = 0.2  # drift of the heading [deg] in five L/U from which a gyro offset matters
 HEADING_OFF = 2.0  # difference of course and heading [deg] on a straight approach from which it is doubtful
@@ -41,6 +40,7 @@ YAW_BLOCK = 0.25  # averaging time of yaw and track, in L/U
 _RATE_CHECKS = {"r": ("yaw rate", "gyro offset"), "p": ("roll rate", "roll rate offset")}
 _ROLL_BLOCK = 0.05  # L/U
 SAME_SCALE = 0.15  # relative difference of the logarithms of two scales up to which they are of one clock
+_Mistakes = tuple[Mistake, ...]
 _LOG_WIDTH = 0.05  # a ratio this near to a known factor is that factor
 
 
@@ -50,39 +50,37 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
     if reason := missing_channels_text(trial, (rate, angle)):
         return not_checked(name, reason), not_checked(offset_name, reason)
     blocks = ship_blocks(trial, scale, YAW_BLOCK if rate == "r" else _ROLL_BLOCK)
-    turning = trial[rate].values * (np.cos(heel(trial)) if rate == "r" else 1.0)
+    turning = trial[rate].values * (np.cos(roll_angle(trial)) if rate == "r" else 1.0)
     predicted = blocks.increments(integral(turning, sampling_interval(trial)))
     measured, time = blocks.increments(trial[angle].values), blocks.increments(trial["time"].values)
     noise = _increment_noise(trial, turning, trial[angle].values, blocks.size)
     fit = _rate_fit(predicted, time, measured, noise)
 
-    def explain(*, rate_alone: bool) -> tuple[tuple[Mistake, ...], str]:
+    def explain(*, rate_alone: bool) -> tuple[_Mistakes, str]:
         alone = partial(_rate_misfit, scale=scale, rate=rate, angle=angle)
         return explanation(trial, (rate, angle), alone if rate_alone else partial(_misfit, scale=scale))
 
-    check = _rate_scale(rate, angle, fit, explain)
+    check = _rate_scale_check(rate, angle, fit, explain)
     if check.verdict in ("bad", "not checked"):
         return check, not_checked(offset_name, f"the integral of the {name} does not match {angle}")
-    if check.verdict == "good" and not fit.kept.all():
-        out = np.flatnonzero(~fit.kept) * blocks.size
+    if check.verdict == "good" and not fit.used.all():
+        out = np.flatnonzero(~fit.used) * blocks.size
         begin, end = (
             float(trial["time"].values[k]) for k in (out[0], min(out[-1] + 2 * blocks.size, turning.size) - 1)
         )
-        text = f"The integral of {rate} does not follow {angle} in {np.mean(~fit.kept):.0%} of the record, between "
+        text = f"The integral of {rate} does not follow {angle} in {np.mean(~fit.used):.0%} of the record, between "
         check = replace(check, verdict="doubtful", sentence=f"{text}{begin:.4g} and {end:.4g} s; cut that part out.")
-    drift = ((predicted - measured) / time)[fit.kept]
+    drift = ((predicted - measured) / time)[fit.used]
     error = drift.std(ddof=1) / np.sqrt(drift.size) + 0.1 * SCALE_DOUBTFUL * abs(turning.mean())
-    return check, _rate_offset(rate, angle, drift.mean(), error, scale)
+    return check, _rate_offset_check(rate, angle, drift.mean(), error, scale)
 
 
 def _increment_noise(trial: xr.Dataset, rate: np.ndarray, angle: np.ndarray, size: int) -> float:
     """Standard deviation of an increment of an angle less that of its integrated rate, from the noise of samples."""
     rate_sd, angle_sd = second_difference_sd(np.array([rate, angle], dtype=float))
     rate_step, angle_step = (_step(values) / np.sqrt(12.0) for values in (rate, angle))
-    angle_noise, rate_noise = (
-        np.hypot(angle_sd / np.sqrt(size), angle_step),
-        np.hypot(rate_sd / np.sqrt(size), rate_step),
-    )
+    angle_noise = np.hypot(angle_sd / np.sqrt(size), angle_step)
+    rate_noise = np.hypot(rate_sd / np.sqrt(size), rate_step)
     return float(np.hypot(np.sqrt(2.0) * angle_noise, rate_noise * size * sampling_interval(trial)))
 
 
@@ -94,61 +92,62 @@ def _step(values: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class RateFit:
-    """Slope of an angle over its integrated rate and its error, rms of what it leaves, of changes and of noise.
+    """Slope of an angle on its integrated rate, with its error; rms of residuals, of angle changes and of noise.
 
-    ``turned`` is the spread of the changes by the rate; ``kept`` are the blocks of the fit.
+    ``predicted_sd`` is the sd of the changes by the rate; ``used`` are the blocks of the fit.
     """
 
     slope: float
     error: float
-    left: float
-    size: float
+    residual_rms: float
+    angle_rms: float
     noise: float
-    turned: float
-    kept: np.ndarray
+    predicted_sd: float
+    used: np.ndarray
 
 
 def _rate_fit(predicted: np.ndarray, time: np.ndarray, measured: np.ndarray, noise: float) -> RateFit:
     """Slope beside an offset, without one in a steady turn; blocks far off are left out where they are few."""
-    size = float(np.sqrt(np.mean(measured**2)))
-    least = max(noise, 0.5 * FOLLOWS * size)
+    angle_rms = float(np.sqrt(np.mean(measured**2)))
+    least = max(noise, 0.5 * RESIDUAL_MATCH * angle_rms)
     large = np.abs(predicted) > np.median(np.abs(predicted))
     slope, offset = float(np.median(measured[large] / predicted[large])) if large.any() else 0.0, 0.0
     for _ in range(3):
         away = np.abs(measured - slope * predicted - offset * time)
-        kept = away <= SIGNIFICANT * max(1.5 * float(np.median(away)), least)
-        kept |= np.mean(kept) < 1.0 - SPOILT
-        (slope, offset), (error, _), left = least_squares([predicted[kept], time[kept]], measured[kept])
+        used = away <= SIGNIFICANT * max(1.5 * float(np.median(away)), least)
+        used |= np.mean(used) < 1.0 - OUTLIER_FRACTION
+        (slope, offset), (error, _), residual = least_squares([predicted[used], time[used]], measured[used])
         if error > 0.01:
-            (slope,), (error,), left = least_squares([predicted[kept]], measured[kept])
+            (slope,), (error,), residual = least_squares([predicted[used]], measured[used])
             offset = 0.0
-    left_over, turned = float(np.sqrt(np.mean(left**2))), float(predicted.std())
-    return RateFit(float(slope), float(error), left_over, size=size, noise=noise, turned=turned, kept=kept)
+    residual_rms, predicted_sd = float(np.sqrt(np.mean(residual**2))), float(predicted.std())
+    return RateFit(float(slope), float(error), residual_rms, angle_rms, noise, predicted_sd=predicted_sd, used=used)
 
 
-def _rate_scale(rate: str, angle: str, fit: RateFit, explain: Callable[..., tuple[tuple[Mistake, ...], str]]) -> Check:
-    """Check of the slope and of what it leaves; ``explain`` returns known mistakes behind it, and words on them."""
+def _rate_scale_check(rate: str, angle: str, fit: RateFit, explain: Callable[..., tuple[_Mistakes, str]]) -> Check:
+    """Check of the slope and of its residual; ``explain`` returns known mistakes behind it, and words on them."""
     name, _ = _RATE_CHECKS[rate]
     slope, error, off = fit.slope, fit.error, abs(fit.slope - 1.0)
     numbers = (("scale", slope, ""), ("standard error", error, ""))
-    if fit.size == 0.0 or slope == 0.0:
-        return not_checked(name, f"{angle if fit.size == 0.0 else rate} does not change", numbers)
-    follows = fit.left <= max(FOLLOWS * fit.size, NOISY * fit.noise)
-    if max(fit.size, fit.turned) < NOISY * fit.noise or (follows and error > 0.2 * max(abs(slope), 1.0)):
+    if fit.angle_rms == 0.0 or slope == 0.0:
+        return not_checked(name, f"{angle if fit.angle_rms == 0.0 else rate} does not change", numbers)
+    relative, noise = fit.residual_rms / fit.angle_rms, NOISE_FACTOR * fit.noise
+    follows = fit.residual_rms <= max(RESIDUAL_MATCH * fit.angle_rms, noise)
+    if max(fit.angle_rms, fit.predicted_sd) < noise or (follows and error > 0.2 * max(abs(slope), 1.0)):
         return not_checked(name, f"{angle} changes too little for an estimate of the scale of {rate}", numbers)
     differs = off > SIGNIFICANT * error
     is_wrong = not follows or (differs and off > SCALE_BAD)
-    leaves_more_than_noise = fit.left > max(SLIGHT * fit.size, NOISY * fit.noise)
-    mistakes: tuple[Mistake, ...] = ()
+    leaves_more_than_noise = fit.residual_rms > max(RESIDUAL_SUSPECT * fit.angle_rms, noise)
+    mistakes: _Mistakes = ()
     cause = UNEXPLAINED
     if is_wrong or leaves_more_than_noise:
         mistakes, cause = explain(rate_alone=not is_wrong)
     if is_wrong or mistakes:
         is_gradual = len(mistakes) == 1 and mistakes[0].gradual
-        slight = fit.left < UNRELATED * fit.size and (is_gradual or not (mistakes or differs))
+        slight = relative < RESIDUAL_BAD and (is_gradual or not (mistakes or differs))
         verdict = "doubtful" if slight else "bad"
         cause += "" if mistakes else "; check units and calibration"
-        text = f"The change of {angle} is {slope:.4g} times the integral of {rate}, and {fit.left / fit.size:.0%} of it"
+        text = f"The change of {angle} is {slope:.4g} times the integral of {rate}, and {relative:.0%} of it"
         return Check(name, verdict, f"{text} is left over; {cause}.", numbers)
     if differs and off > SCALE_DOUBTFUL:
         text = f"The change of {angle} is {slope:.4g} times the integral of {rate}; check the calibration."
@@ -165,10 +164,10 @@ def _misfit(trial: xr.Dataset, scale: ShipScale) -> float:
 
 def _rate_misfit(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> float:
     blocks = ship_blocks(trial, scale, YAW_BLOCK if rate == "r" else _ROLL_BLOCK)
-    turning = trial[rate].values * (np.cos(heel(trial)) if rate == "r" else 1.0)
+    turning = trial[rate].values * (np.cos(roll_angle(trial)) if rate == "r" else 1.0)
     predicted = blocks.increments(integral(turning, sampling_interval(trial)))
     measured = blocks.increments(np.unwrap(trial[angle].values))
-    return _part(measured - predicted, measured)
+    return _relative_rms(measured - predicted, measured)
 
 
 def _course_misfit(trial: xr.Dataset, scale: ShipScale) -> float:
@@ -176,16 +175,16 @@ def _course_misfit(trial: xr.Dataset, scale: ShipScale) -> float:
     course, psi = _course(trial, scale)
     if psi.size < 10:
         return 0.0
-    _, _, left = least_squares([np.gradient(course), np.ones(psi.size)], course - psi)
-    return _part(left, course - course.mean())
+    _, _, residual = least_squares([np.gradient(course), np.ones(psi.size)], course - psi)
+    return _relative_rms(residual, course - course.mean())
 
 
-def _part(left: np.ndarray, signal: np.ndarray) -> float:
-    """Root mean square of what is left over that of the signal, up to 1."""
-    return float(min(1.0, np.sqrt(np.mean(left**2) / max(np.mean(signal**2), 1e-300))))
+def _relative_rms(residual: np.ndarray, signal: np.ndarray) -> float:
+    """Root mean square of residuals over that of the signal, up to 1."""
+    return float(min(1.0, np.sqrt(np.mean(residual**2) / max(np.mean(signal**2), 1e-300))))
 
 
-def _rate_offset(rate: str, angle: str, offset: float, error: float, scale: ShipScale) -> Check:
+def _rate_offset_check(rate: str, angle: str, offset: float, error: float, scale: ShipScale) -> Check:
     _, name = _RATE_CHECKS[rate]
     degrees, drift = np.rad2deg(offset), abs(np.rad2deg(offset)) * 5.0 * scale.time
     numbers: Numbers = (("offset", float(degrees), "deg/s"), ("standard error", float(np.rad2deg(error)), "deg/s"))
@@ -196,7 +195,7 @@ def _rate_offset(rate: str, angle: str, offset: float, error: float, scale: Ship
     return Check(name, "good", f"{rate} has no offset that matters ({degrees:+.2g} deg/s).", numbers)
 
 
-def heel(trial: xr.Dataset) -> np.ndarray:
+def roll_angle(trial: xr.Dataset) -> np.ndarray:
     """Roll angle [rad] of a trial, 0 if not measured."""
     return trial["phi"].values if "phi" in trial else np.zeros(trial.sizes["time"])
 

@@ -17,8 +17,8 @@ from pymc_ship.records.checks.track import (
     track_blocks,
     turned_to_earth,
 )
-from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, Numbers, missing_channels_text, not_checked
-from pymc_ship.records.files.ship_scale import ShipScale, least_squares
+from pymc_ship.records.checks.verdicts import Check, Numbers, missing_channels_text, not_checked
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares
 from pymc_ship.trial.record import sampling_interval
 
 LAG = 0.01  # lag over L/U from which it is corrected

@@ -17,11 +17,12 @@ import xarray as xr
 from pymc_ship.records.checks.verdicts import integral
 from pymc_ship.records.files.columns import CODES
 from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.units import KNOT
 
 BETTER, PAIR = 2.0, 2.0  # ratio of misfits from which a mistake explains a record, and a pair a single one's
 EXPLAINED = 0.2  # largest misfit over its signal of a record that is explained
 UNEXPLAINED = "no known mistake, or pair, explains it"
-_DEG, _KNOT = np.pi / 180.0, 1852.0 / 3600.0
+_DEG = np.pi / 180.0
 
 Mend = Callable[[xr.Dataset], xr.Dataset]
 
@@ -58,7 +59,7 @@ def _from_code(trial: xr.Dataset, name: str, unit: float) -> xr.Dataset:
     return changed(trial, **{name: unit * CODES["ais"](trial[name].values / unit)})
 
 
-def _in_degrees(name: str, unit: str, factor: float) -> Mistake:
+def _wrong_unit(name: str, unit: str, factor: float) -> Mistake:
     return Mistake(name, f"{name} is in {unit}", partial(_scaled, names=name, factor=factor), f'unit = "{unit}"')
 
 
@@ -73,8 +74,8 @@ def _exchanged(one: str, other: str) -> Mistake:
     )
 
 
-def _left_of_heading(trial: xr.Dataset, extra: np.ndarray) -> float:
-    """Coefficient of a column in the heading less the integral of r, beside a constant and a trend."""
+def _heading_residual_slope(trial: xr.Dataset, extra: np.ndarray) -> float:
+    """Slope of the heading less the integral of r on a column, beside a constant and a trend."""
     time = trial["time"].values - trial["time"].values[0]
     turned = integral(trial["r"].values, sampling_interval(trial))
     columns = np.column_stack([np.ones(time.size), time, extra])
@@ -88,7 +89,7 @@ def _in_time(trial: xr.Dataset, name: str) -> xr.Dataset:
     time, lag = trial["time"].values, 0.0
     for _ in range(3):
         moved = changed(trial, **{name: np.interp(time + lag, time, trial[name].values)})
-        lag += (1.0 if name == "r" else -1.0) * _left_of_heading(moved, moved["r"].values)
+        lag += (1.0 if name == "r" else -1.0) * _heading_residual_slope(moved, moved["r"].values)
     return moved if lag > 0.0 else trial
 
 
@@ -97,14 +98,14 @@ def _without_drift(trial: xr.Dataset) -> xr.Dataset:
     if not {"r", "psi"} <= set(trial):
         return trial
     time = trial["time"].values - trial["time"].values[0]
-    return changed(trial, r=trial["r"].values + 2.0 * _left_of_heading(trial, time**2) * time)
+    return changed(trial, r=trial["r"].values + 2.0 * _heading_residual_slope(trial, time**2) * time)
 
 
 SPEED_UNITS = {
-    _KNOT: ("knots taken for m/s", 'unit = "kn"'),
+    KNOT: ("knots taken for m/s", 'unit = "kn"'),
     1.0 / 3.6: ("km/h taken for m/s", 'unit = "km/h"'),
     0.3048: ("ft/s taken for m/s", 'unit = "ft/s"'),
-    1.0 / _KNOT: ("m/s that were converted as knots, or a track in nautical units", 'unit = "m/s"'),
+    1.0 / KNOT: ("m/s that were converted as knots, or a track in nautical units", 'unit = "m/s"'),
     3.6: ("m/s that were converted as km/h", 'unit = "m/s"'),
     0.001: ("mm/s taken for m/s, or a track in km", 'unit = "km" for x and y'),
     1.0 / 0.3048: ("m/s that were converted as ft/s, or a track in feet", 'unit = "ft" for x and y'),
@@ -118,12 +119,12 @@ SIGNS = tuple(_reversed(name) for name in ("delta", "v", "r"))  # that one run a
 R_LATE, PSI_LATE, R_DRIFTS = "r is late or smoothed by a filter", "psi is late", "the offset of r drifts"
 
 MISTAKES = (
-    _in_degrees("r", "deg/s", _DEG),
-    _in_degrees("r", "deg/min", _DEG / 60.0),
-    _in_degrees("p", "deg/s", _DEG),
-    _in_degrees("psi", "deg", _DEG),
-    _in_degrees("phi", "deg", _DEG),
-    _in_degrees("delta", "deg", _DEG),
+    _wrong_unit("r", "deg/s", _DEG),
+    _wrong_unit("r", "deg/min", _DEG / 60.0),
+    _wrong_unit("p", "deg/s", _DEG),
+    _wrong_unit("psi", "deg", _DEG),
+    _wrong_unit("phi", "deg", _DEG),
+    _wrong_unit("delta", "deg", _DEG),
     *SIGNS,
     _reversed("p"),
     _reversed("psi", 'heading = "counterclockwise"'),
@@ -155,8 +156,8 @@ MISTAKES = (
 )
 
 
-def explanations(trial: xr.Dataset, channels: Iterable[str], number: int) -> dict[tuple[Mistake, ...], xr.Dataset]:
-    """Trials as mended of each set of ``number`` mistakes that concern some channels."""
+def corrected_by(trial: xr.Dataset, channels: Iterable[str], number: int) -> dict[tuple[Mistake, ...], xr.Dataset]:
+    """Trial mended of each set of ``number`` mistakes that concern some channels, by these mistakes."""
     usual = [
         one for one in MISTAKES if set(one.channels.split()) <= set(trial) and set(one.channels.split()) & set(channels)
     ]
@@ -173,7 +174,7 @@ def explanation(
 ) -> tuple[tuple[Mistake, ...], str]:
     """Mistake, or pair, after which a record agrees with itself best, none if unexplained; words on gain and key."""
     before = misfit(trial)
-    tried = explanations(trial, channels, 1) | explanations(trial, channels, 2)
+    tried = corrected_by(trial, channels, 1) | corrected_by(trial, channels, 2)
     after = {chosen: misfit(mended) for chosen, mended in tried.items()}
     best = min(after, key=lambda chosen: after[chosen] * PAIR ** len(chosen), default=())
     if not best or after[best] > min(before / BETTER, EXPLAINED):

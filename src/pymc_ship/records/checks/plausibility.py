@@ -14,10 +14,9 @@ import xarray as xr
 from pymc_ship.physics.forces.prime_system import GRAVITY
 from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.checks.mistakes import BETTER, EXPLAINED, UNEXPLAINED, explanations
+from pymc_ship.records.checks.mistakes import BETTER, EXPLAINED, UNEXPLAINED, corrected_by
 from pymc_ship.records.checks.track import track_misfit
 from pymc_ship.records.checks.verdicts import (
-    SIGNIFICANT,
     SLOW,
     Check,
     longest_piece,
@@ -25,10 +24,11 @@ from pymc_ship.records.checks.verdicts import (
     not_checked,
     pieces,
 )
-from pymc_ship.records.files.ship_scale import ShipScale, least_squares, ship_blocks
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares, ship_blocks
 from pymc_ship.records.files.sides import MIRROR_IMAGE
 from pymc_ship.records.steering.approach import TOO_EARLY, WHOLE_APPROACH, approach_fault
 from pymc_ship.trial.record import AXES, sampling_interval
+from pymc_ship.trial.units import KNOT
 
 DRIFT = 0.6  # largest v/U of a ship that makes way ahead: a drift angle of 37 deg, beyond that of the tightest turns
 TURNING = 2.0  # largest rL/U of a ship that makes way ahead: a circle of one ship length in diameter
@@ -125,17 +125,17 @@ def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
         (slope, *_), (error, *_), _ = least_squares([motion_ahead.r, lag, constant], motion_ahead.v)
         quantities["pivot point"] = (-float(slope) / motion.L, float(error) / motion.L)
     if motion.phi is not None:
-        thrown = motion.r * motion.u / GRAVITY
-        columns = [thrown[ahead], np.gradient(thrown, motion.interval)[ahead], constant]
+        lateral_acceleration = motion.r * motion.u / GRAVITY
+        columns = [lateral_acceleration[ahead], np.gradient(lateral_acceleration, motion.interval)[ahead], constant]
         (slope, *_), (error, *_), _ = least_squares(columns, motion.phi[ahead])
         quantities["heel"] = float(slope), float(error)
     return quantities
 
 
-def _beyond(value: float, error: float, limits: tuple[float, float], sure: float) -> bool:
-    """Whether a value lies beyond its limits by more than ``sure`` standard errors."""
+def _beyond(value: float, error: float, limits: tuple[float, float], standard_errors: float) -> bool:
+    """Whether a value lies beyond its limits by more than so many ``standard_errors``."""
     low, high = limits
-    return value + sure * error < low or value - sure * error > high
+    return value + standard_errors * error < low or value - standard_errors * error > high
 
 
 def _faults(quantities: dict[str, tuple[float, float]]) -> dict[str, str]:
@@ -149,7 +149,7 @@ def _faults(quantities: dict[str, tuple[float, float]]) -> dict[str, str]:
     return faults
 
 
-def _oddness(quantities: dict[str, tuple[float, float]]) -> float:
+def _squared_deviation(quantities: dict[str, tuple[float, float]]) -> float:
     """Sum of squared deviations from typical values, in units of the scatter of ships."""
     total = 0.0
     for name in ("rL/U", "pivot point", "speed", "Froude number"):
@@ -159,7 +159,7 @@ def _oddness(quantities: dict[str, tuple[float, float]]) -> float:
     return total
 
 
-def _wrong_files(motion: _Motion) -> dict[str, _Motion]:
+def _corrected_vessel_files(motion: _Motion) -> dict[str, _Motion]:
     """The motion with each possible mistake of the vessel file corrected, by the mistake."""
     if not (motion.L and motion.nominal):
         return {}
@@ -178,7 +178,7 @@ def _wrong_files(motion: _Motion) -> dict[str, _Motion]:
 
 def _nominal(fast: float, nominal: float) -> str:
     """Description of a wrong nominal speed in the vessel file."""
-    text, metres = f"the speed in the record is {fast:.3g} m/s", nominal * 0.514444
+    text, metres = f"the speed in the record is {fast:.3g} m/s", nominal * KNOT
     if 0.9 < metres / fast < 1.1:
         return f"the vessel file has its nominal speed in knots ({text}; {nominal:.3g} knots are {metres:.3g} m/s)"
     return f"the vessel file has the wrong nominal speed ({text})"
@@ -188,14 +188,14 @@ def _explanation(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None, mot
     """Sentence on the mistake, or pair, that explains the quantities best and leads to a track of the record."""
     channels = ("u", "v", "r", "phi")
     for number in (1, 2):
-        mended = _wrong_files(motion) if number == 1 else {}
-        for chosen, changed in explanations(trial, channels, number).items():
+        mended = _corrected_vessel_files(motion) if number == 1 else {}
+        for chosen, changed in corrected_by(trial, channels, number).items():
             if track_misfit(changed, scale) < max(EXPLAINED, track_misfit(trial, scale) / BETTER):
                 mended[" and ".join(one.words for one in chosen)] = _motion(changed, scale, vessel)[0]
         quantities = {mistake: _quantities(changed) for mistake, changed in mended.items()}
         plausible = {mistake: values for mistake, values in quantities.items() if not _faults(values)}
         if plausible:
-            best = min(plausible, key=lambda mistake: _oddness(plausible[mistake]))
+            best = min(plausible, key=lambda mistake: _squared_deviation(plausible[mistake]))
             text = _words(("rL/U", "pivot point", "speed"), plausible[best])
             return f"The most probable cause is that {best}" + (f": then {text}." if text else ".")
     return f"{UNEXPLAINED[0].upper()}{UNEXPLAINED[1:]}."

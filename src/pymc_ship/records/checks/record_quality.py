@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.motion.equations import STATE
-from pymc_ship.records.checks.rudder import measured_rate
+from pymc_ship.records.checks.rudder import rudder_rate
 from pymc_ship.records.checks.verdicts import Check, Numbers, not_checked
 from pymc_ship.records.files.ship_scale import ShipScale
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
@@ -25,7 +25,7 @@ LEAST_SPIKE = 0.02  # fraction of a channel's range below which a spike does no 
 FROZEN = 0.25  # fraction of L/U from which equal values are a frozen sensor
 ALONG = 0.02  # sine of the heading below which a ship moves along an axis, and the other coordinate may stand still
 ROUNDED = 0.8  # fraction of distinct neighbours below which a channel is rounded, with runs of equal values
-STAND_INS = {
+MISSING_CODES = {
     "rad": (360.0, 511.0),
     "rad/s": (127.0, 128.0, 731.0),
     "m/s": (102.3,),
@@ -41,7 +41,7 @@ _LOST = ("gap", "missing", "out of the order", "time goes back", "without a time
 _HALF_WINDOW, _LONGEST_SPIKE, _SURROUNDINGS = 4, 2, 51  # samples
 
 
-def present(trial: xr.Dataset, names: tuple[str, ...] = SIMULATED) -> list[str]:
+def recorded(trial: xr.Dataset, names: tuple[str, ...] = SIMULATED) -> list[str]:
     """Channels of a record; roll that is 0 throughout counts as not measured."""
     return [name for name in names if name in trial and (not CHANNELS[name].rolling or trial[name].values.any())]
 
@@ -53,7 +53,7 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     numbers: Numbers = (("interval", interval, "s"), ("samples in L/U", samples, ""))
     travel = rate = 0.0
     if "delta" in trial and np.ptp(trial["delta"].values) > 0.0:
-        rate, _ = measured_rate(trial)
+        rate, _ = rudder_rate(trial)
         travel = float(np.nan_to_num(np.deg2rad(rate) * interval / np.ptp(trial["delta"].values)))
         numbers += (("rudder travel between samples over its range", travel, ""),)
     text = f"{interval:.3g} s between samples, {samples:.3g} samples in L/U."
@@ -89,7 +89,7 @@ def _repeats(trial: xr.Dataset) -> float:
 
 def noise_check(trial: xr.Dataset) -> Check:
     """Noise of single samples of each channel, from second differences, over the spread of its signal."""
-    names = [name for name in present(trial) if np.ptp(trial[name].values) > 0.0 and trial.sizes["time"] >= 10]
+    names = [name for name in recorded(trial) if np.ptp(trial[name].values) > 0.0 and trial.sizes["time"] >= 10]
     if not names:
         return not_checked("noise", "no channel that changes, or fewer than 10 samples")
     sd = second_difference_sd(np.array([trial[name].values for name in names], dtype=float))
@@ -110,7 +110,7 @@ def noise_check(trial: xr.Dataset) -> Check:
 
 def resolution_check(trial: xr.Dataset) -> Check:
     """Distinct values of the motion channels, which rounding makes few."""
-    counts = {name: np.unique(trial[name].values).size for name in present(trial, STATE)}
+    counts = {name: np.unique(trial[name].values).size for name in recorded(trial, STATE)}
     counts = {name: count for name, count in counts.items() if count > 1}
     if not counts or trial.sizes["time"] < 2 * DISTINCT_DOUBTFUL:
         return not_checked("resolution", "no motion channel that changes, or a very short record")
@@ -132,7 +132,7 @@ def stand_ins(trial: xr.Dataset, name: str) -> dict[str, np.ndarray]:
     largest, found = float(np.abs(values).max()), {}
     flipped = f"{name} changed in sign" in trial.attrs.get("reading", "")
     for factor, spelling in {factor: text for text, factor in reversed(list(unit.spellings.items()))}.items():
-        for number in (*STAND_INS.get(unit.name, ()), *STAND_INS[""]):
+        for number in (*MISSING_CODES.get(unit.name, ()), *MISSING_CODES[""]):
             if number * factor > 1.001 * largest:
                 continue
             cells = np.abs(np.abs(values) - number * factor) < 1e-6 * number * factor
@@ -152,7 +152,7 @@ def _stands_out(values: np.ndarray, cells: np.ndarray) -> bool:
 
 def stand_in_check(trial: xr.Dataset) -> Check:
     """Cells of each channel that hold a number for "not available"."""
-    cells = {(name, number): mask for name in present(trial) for number, mask in stand_ins(trial, name).items()}
+    cells = {(name, number): mask for name in recorded(trial) for number, mask in stand_ins(trial, name).items()}
     if not cells:
         return Check("stand-ins", "good", "No cell has a number that stands for a missing one.")
     numbers = tuple((f"{number}, {name}", float(mask.sum()), "") for (name, number), mask in cells.items())
@@ -164,7 +164,7 @@ def stand_in_check(trial: xr.Dataset) -> Check:
 
 def without_stand_ins(trial: xr.Dataset) -> xr.Dataset:
     """Trial whose stand-ins are replaced by straight lines between their neighbours."""
-    masks = {name: list(stand_ins(trial, name).values()) for name in present(trial)}
+    masks = {name: list(stand_ins(trial, name).values()) for name in recorded(trial)}
     return _interpolated(trial, {name: np.flatnonzero(np.any(mask, axis=0)) for name, mask in masks.items() if mask})
 
 
@@ -190,20 +190,20 @@ def spikes(values: np.ndarray) -> np.ndarray:
     sd = np.maximum(second_difference_sd(values[None])[0], median_filter(np.abs(away), _SURROUNDINGS) / 0.6745)
     limit = np.maximum(SPIKE * sd, LEAST_SPIKE * (high - low))
     out = np.flatnonzero((np.abs(away) > limit) & (limit > 0.0))
-    spikes: list[int] = []
+    found: list[int] = []
     for group in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1):
         if 0 < group.size <= _LONGEST_SPIKE:
             sides = values[[k for k in (group[0] - 1, group[-1] + 1) if 0 <= k < values.size]]
             steps = values[group][:, None] - sides
             least = limit[group][:, None]
             if (steps > least).all() or (steps < -least).all():
-                spikes.extend(group)
-    return np.array(spikes, dtype=int)
+                found.extend(group)
+    return np.array(found, dtype=int)
 
 
 def spike_check(trial: xr.Dataset) -> Check:
     """Spikes of every channel."""
-    counts = {name: spikes(_continuous(trial, name)).size for name in present(trial)}
+    counts = {name: spikes(_continuous(trial, name)).size for name in recorded(trial)}
     numbers = tuple((f"spikes, {name}", float(count), "") for name, count in counts.items())
     if not any(counts.values()):
         return Check("spikes", "good", "No channel has spikes.", numbers)
@@ -217,7 +217,7 @@ def spike_check(trial: xr.Dataset) -> Check:
 
 def without_spikes(trial: xr.Dataset) -> xr.Dataset:
     """Trial whose spikes are replaced by straight lines between their neighbours."""
-    bad = {name: spikes(_continuous(trial, name)) for name in present(trial)}
+    bad = {name: spikes(_continuous(trial, name)) for name in recorded(trial)}
     return _interpolated(trial, {name: cells for name, cells in bad.items() if cells.size})
 
 
@@ -247,7 +247,7 @@ def wrap_check(trial: xr.Dataset) -> Check:
 
 def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Longest run of equal values of a motion channel while the ship moves."""
-    names = present(trial, STATE)
+    names = recorded(trial, STATE)
     stuck = [name for name in names if np.ptp(trial[name].values) == 0.0]
     if stuck:
         text = f"{', '.join(stuck)} never change{'s' if len(stuck) == 1 else ''}; find the right column or the sensor."

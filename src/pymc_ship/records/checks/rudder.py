@@ -22,7 +22,7 @@ LARGEST_RUDDER = 1.3  # rudder angle [rad] that no rudder reaches: a record beyo
 ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
 OFF_THE_ORDER = 0.75  # deg, difference of a zigzag's angle from its order beyond the usual reading of an indicator
-LONGEST_PLAY = 1.5  # deg, up to which an angle is that of an order of a multiple of 5 deg, however finely it is read
+LARGEST_BACKLASH = 1.5  # deg, up to which an angle is that of an order of a multiple of 5 deg, however finely read
 STEPS = (2.0, 1.0, 0.5)  # deg, of coarse indicators
 RATE = 0.1  # difference from the vessel file's rudder rate that passes
 GEAR, AT_ONCE = 5.0, 3.0  # rate [deg/s] of a quick gear; ratio to the rate of the gear that only an order has
@@ -152,7 +152,7 @@ def rudder_angle_check(trial: xr.Dataset) -> Check:
     numbers: Numbers = (("angle", angle, "deg"), ("order", order, "deg"), ("step", step, "deg"))
     text = f"The rudder reads {angle:.3g} deg to both sides" + (f", in steps of {step:g} deg" if step else "")
     stated = "delta_command" in trial and order > 0.0
-    if abs(angle - order) > OFF_THE_ORDER and (stated or step or abs(angle - order) <= LONGEST_PLAY):
+    if abs(angle - order) > OFF_THE_ORDER and (stated or step or abs(angle - order) <= LARGEST_BACKLASH):
         text += f" for {'an order' if stated else 'a probable order'} of {order:.3g} deg: backlash or scale of the "
         text += "indicator, which the rudder coefficients take over; calibrate delta."
         return Check(name, "doubtful", text, numbers)
@@ -173,7 +173,7 @@ def _moves(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     return at_side[across], at_side[across + 1]
 
 
-def measured_rate(trial: xr.Dataset) -> tuple[float, int]:
+def rudder_rate(trial: xr.Dataset) -> tuple[float, int]:
     """Median rate [deg/s] of the rudder from side to side, and the samples that a move takes; (NaN, 0) without one."""
     before, after = _moves(trial)
     if not before.size:
@@ -189,7 +189,7 @@ def rudder_rate_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
     name = "rudder rate"
     if "delta" not in trial:
         return not_checked(name, "no delta in the record")
-    rate, samples = measured_rate(trial)
+    rate, samples = rudder_rate(trial)
     usual = vessel.particulars.rudder_rate_deg if vessel else GEAR
     if 0 < samples < 3 and rate > AT_ONCE * usual:
         text = f"The rudder moves at {rate:.3g} deg/s, from side to side within {samples + 1} samples: delta is the "
@@ -220,7 +220,7 @@ def rudder_delay_check(trial: xr.Dataset) -> Check:
     name = "rudder delay"
     if "delta" not in trial or "delta_command" not in trial:
         return not_checked(name, "no commanded rudder (delta_command) in the record")
-    rate, _ = measured_rate(trial)
+    rate, _ = rudder_rate(trial)
     time, delta, command = (trial[key].values for key in ("time", "delta", "delta_command"))
     steps = np.flatnonzero(np.abs(np.diff(command)) > 0.25 * np.ptp(command)) + 1
     delays = []

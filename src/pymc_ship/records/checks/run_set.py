@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from scipy.signal import correlate
 
-from pymc_ship.records.checks.mistakes import SIGNS, explanations
+from pymc_ship.records.checks.mistakes import SIGNS, corrected_by
 from pymc_ship.records.checks.plausibility import DRIFT
 from pymc_ship.records.checks.verdicts import SLOW
 from pymc_ship.records.files.ship_scale import Blocks
@@ -18,7 +18,7 @@ from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 SAME = 0.02  # rms difference over the standard deviation of a channel below which, beside noise, motions are the same
 CONTRADICTS = 2.4  # error of a forecast over the usual one; 1 in 200 sets of runs of one ship has more
-ALONE = 1.5  # ratio of the largest errors without a run and without the odd one, from which it is the odd one
+OUTLIER_RATIO = 1.5  # ratio of the largest errors without another run and without the outlier, from which it is one
 LAW_ERROR = 0.15  # of the law over the size of its terms; a regression of six ships leaves 0.07 to 0.16 of the sway
 _CORRELATED = np.sqrt(5.0)  # blocks per independent one
 _BLOCK, _FEWEST = 0.25, 20  # L/U; blocks of a comparison
@@ -99,7 +99,7 @@ def contradicting_runs(trials: Mapping[str, xr.Dataset], L: float) -> list[str]:
         return []
     rest = {name: _worst(_without(name, responses)) for name in responses}
     name, second = sorted(rest, key=lambda name: rest[name])[:2]
-    if rest[name] > CONTRADICTS or rest[second] <= ALONE * rest[name]:
+    if rest[name] > CONTRADICTS or rest[second] <= OUTLIER_RATIO * rest[name]:
         among = [one for one in rest if rest[one] <= CONTRADICTS] or rest
         return [
             f"Runs {', '.join(among)} contradict each other: no single law of sway and yaw describes them. "
@@ -108,7 +108,7 @@ def contradicting_runs(trials: Mapping[str, xr.Dataset], L: float) -> list[str]:
     others = list(_without(name, responses).values())
     signs = [
         f"{one.words}: state {one.key}"
-        for (one,), mended in explanations(trials[name], ("delta", "v", "r"), 1).items()
+        for (one,), mended in corrected_by(trials[name], ("delta", "v", "r"), 1).items()
         if one in SIGNS and (row := _response(mended, L)) is not None and _error(row, others) <= 1.0
     ]
     cause = f"Most probably {signs[0]}" if signs else "It may be of another ship, loading or scale: leave it out"

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.records.checks.kinematics import YAW_BLOCK, heel
+from pymc_ship.records.checks.kinematics import YAW_BLOCK, roll_angle
 from pymc_ship.records.checks.mistakes import SPEED_UNITS
-from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, integral, missing_channels_text, not_checked
-from pymc_ship.records.files.ship_scale import Blocks, ShipScale, least_squares, ship_blocks
+from pymc_ship.records.checks.verdicts import Check, integral, missing_channels_text, not_checked
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.trial.record import sampling_interval
 
 LEVER = 0.005  # lever arm over L from which it matters: error of v' per r'
@@ -74,7 +74,7 @@ def earth_velocity(trial: xr.Dataset, axes: str = "body", sign: float = 1.0) -> 
 
 def turned_to_earth(u: np.ndarray, v: np.ndarray, trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """x_dot and y_dot [m/s] of body-fixed u and v [m/s] at the heading and heel of a trial."""
-    psi, sway = trial["psi"].values, v * np.cos(heel(trial))
+    psi, sway = trial["psi"].values, v * np.cos(roll_angle(trial))
     cos, sin = np.cos(psi), np.sin(psi)
     return u * cos - sway * sin, u * sin + sway * cos
 
@@ -83,12 +83,12 @@ def body_velocity(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Body-fixed u and v [m/s] where those of the trial are x_dot and y_dot."""
     x_dot, y_dot, psi = trial["u"].values, trial["v"].values, trial["psi"].values
     cos, sin = np.cos(psi), np.sin(psi)
-    return x_dot * cos + y_dot * sin, (y_dot * cos - x_dot * sin) / np.cos(heel(trial))
+    return x_dot * cos + y_dot * sin, (y_dot * cos - x_dot * sin) / np.cos(roll_angle(trial))
 
 
 def _lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
     """Increments of the track from a lever arm of 1 m."""
-    rate, psi = trial["r"].values * np.cos(heel(trial)), trial["psi"].values
+    rate, psi = trial["r"].values * np.cos(roll_angle(trial)), trial["psi"].values
     return track.increments_of(-rate * np.sin(psi), rate * np.cos(psi))
 
 

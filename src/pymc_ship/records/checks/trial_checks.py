@@ -12,8 +12,9 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, surroundings, track
+from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, track
 from pymc_ship.records.checks.lag import VelocityLag, explains_better, lag_check, lag_of, shift_velocities
+from pymc_ship.records.checks.revolutions_and_wind import revolutions_check, wind_check
 from pymc_ship.records.checks.verdicts import Check, not_checked
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
 from pymc_ship.records.files.ship_scale import ship_scale
@@ -72,7 +73,8 @@ def trial_checks(
     """
     vessel = None if vessel is None else as_vessel(vessel)
     _check_record(as_trial(trial))
-    trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in record_quality.present(trial)])
+    recorded = record_quality.recorded(trial)
+    trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in recorded])
     checks: list[Check] = []
     for check in (record_quality.stand_in_check, record_quality.spike_check, record_quality.wrap_check):
         checks.append(check(trial))
@@ -98,7 +100,7 @@ def trial_checks(
     trial = _apply_corrections(trial, [piece])
     checks += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
     scale = ship_scale(trial, vessel)
-    checks += [surroundings.revolutions_check(trial, vessel), surroundings.wind_check(trial, scale)]
+    checks += [revolutions_check(trial, vessel), wind_check(trial, scale)]
     checks += [excitation.approach_check(trial, scale), excitation.range_check(trial, scale)]
     checks += excitation.excitation_checks(trial, vessel)
     return tuple(checks)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-SIGNIFICANT = 5.0  # standard errors from which a finding counts: a false alarm in 1e5 trials of a few dozen tests
+from pymc_ship.records.files.ship_scale import SIGNIFICANT
+
 SLOW = 0.3  # fraction of the usual speed below which course and prime values (over U^2) are not used
 
 Numbers = tuple[tuple[str, float, str], ...]  # name, value and unit

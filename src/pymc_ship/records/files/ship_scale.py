@@ -11,6 +11,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import sampling_interval
 
 TIGHTEST_TURN = 0.4  # L over the smallest radius U/|r| where L is unknown; merchant ships reach 0.3 to 0.6
+SIGNIFICANT = 5.0  # standard errors from which a finding counts: a false alarm in 1e5 trials of a few dozen tests
 _IDLE = 1e-100
 
 

@@ -14,12 +14,11 @@ import xarray as xr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.files.columns import Column, plain_name
 from pymc_ship.records.files.format import TrialFormat
-from pymc_ship.records.files.ship_scale import ShipScale, least_squares, ship_blocks, ship_scale
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares, ship_blocks, ship_scale
 from pymc_ship.trial.record import AXES
 
 FOUND = "rudder_positive"  # attribute of a trial: side of the file's positive rudder, where the record showed it
 
-_CERTAIN = 5.0  # standard errors
 _CORRELATED = 0.7  # correlation of yaw rate and rudder from which it shows the side, as in a long steady turn
 _TURN = 0.5  # rad that the ship turns at least where the correlation alone shows the side
 _BLOCK = 0.25  # L/U
@@ -56,7 +55,7 @@ def rudder_effect(trial: xr.Dataset, scale: ShipScale) -> RudderEffect:
     coefficients, errors, _ = least_squares([delta, r, r * np.abs(r)], blocks.increments(trial["r"].values) / time)
     gain, error = (float(values[0]) * scale.time**2 for values in (coefficients, errors))
     correlation = _lagged_correlation(delta, r, round(1.0 / _BLOCK))
-    certain, turn = abs(gain) > _CERTAIN * error, np.ptp(np.cumsum(r * time)) if r.size else 0.0
+    certain, turn = abs(gain) > SIGNIFICANT * error, np.ptp(np.cumsum(r * time)) if r.size else 0.0
     shown = certain or (abs(correlation) >= _CORRELATED and turn >= _TURN)
     side = ("starboard" if (gain if certain else correlation) > 0.0 else "port") if shown else ""
     return RudderEffect(gain, error, correlation, side)
@@ -109,7 +108,7 @@ def shown_effect(trial: xr.Dataset) -> RudderEffect | None:
 
 
 def _evidence(effect: RudderEffect) -> str:
-    if abs(effect.gain) > _CERTAIN * effect.error:
+    if abs(effect.gain) > SIGNIFICANT * effect.error:
         return f"by {_standard_errors(effect):.0f} standard errors"
     return f"by a correlation of {abs(effect.correlation):.2f}"
 
@@ -127,9 +126,8 @@ def _hidden_by(trial: xr.Dataset, effect: RudderEffect | None) -> str:
         return f"since the rudder never moves from {np.rad2deg(trial['delta'].values[0]):.3g} deg"
     if effect is None:
         return f"since the record has {trial.sizes['time']} samples, fewer than {_FEWEST_SAMPLES}"
-    return (
-        f"since the turn shows it by {abs(effect.gain) / max(effect.error, 1e-300):.2g} of {_CERTAIN:g} standard errors"
-    )
+    errors = abs(effect.gain) / max(effect.error, 1e-300)
+    return f"since the turn shows it by {errors:.2g} of {SIGNIFICANT:g} standard errors"
 
 
 def check_one_side(trials: Mapping[str, xr.Dataset]) -> None:

@@ -6,12 +6,11 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.manoeuvre.steering_record import first_execute
-from pymc_ship.records.files.ship_scale import least_squares
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, least_squares
 
 WHOLE_APPROACH = "approach_fault"  # attribute of a piece of a record: what the record has for :func:`approach_fault`
 TOO_EARLY = "it begins before the ship makes way ahead"
 UNSTEADY = 0.05  # change of speed in L/U, over the speed, from which a manoeuvre is no standard one
-_CERTAIN = 5.0  # standard errors
 _LAST, _SHORTEST = 2.0, 0.5  # L/U before the first execute that are judged, and the least of them
 
 
@@ -39,7 +38,7 @@ def approach_fault(trial: xr.Dataset, unit: float) -> str:
         return str(trial.attrs[WHOLE_APPROACH])
     before = trial["time"].values <= first_execute(trial)
     change, error = speed_trend(trial["time"].values[before], trial["u"].values[before], unit)
-    if not abs(change) > max(UNSTEADY, _CERTAIN * error):
+    if not abs(change) > max(UNSTEADY, SIGNIFICANT * error):
         return ""
     return (
         f"it begins while the speed changes by {change:+.0%} in L/U, of a standard one by at most {UNSTEADY:.0%}; "

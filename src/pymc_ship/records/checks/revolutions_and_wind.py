@@ -9,6 +9,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import SLOW, Check, missing_channels_text, not_checked
 from pymc_ship.records.files.format import true_air
 from pymc_ship.records.files.ship_scale import Blocks, ShipScale, ship_blocks
+from pymc_ship.trial.units import KNOT
 
 ADVANCE = (0.1, 1.6)  # advance numbers J = U / (n D) of ships that sail ahead, from a tug that tows to a fast craft
 ADVANCE_OFF = 1.7  # ratio to the advance number of the vessel file from which n is doubted: a gear, or both shafts
@@ -17,7 +18,6 @@ _TURNED = np.deg2rad(60.0)  # change of heading without which readings of the wi
 _BLOCK = 0.25  # L/U
 _SAMPLES = 16  # of a block, at most, that show the wind
 _TURN = 7.0  # rad; a larger angle is one in degrees
-_KNOT = 1852.0 / 3600.0
 _RELATIVE = "wind_speed and wind_direction are of the relative wind, from the bow"
 _READ_AS_RELATIVE = "read as relative"
 
@@ -106,7 +106,7 @@ def _wind_readings(trial: xr.Dataset) -> dict[tuple[str, ...], np.ndarray]:
         }
         if np.abs(came_from).max() > _TURN:
             directions["wind_direction is in deg, read in rad",] = np.deg2rad(came_from)
-        for knots, factor in {(): 1.0, ("wind_speed is in knots",): _KNOT}.items():
+        for knots, factor in {(): 1.0, ("wind_speed is in knots",): KNOT}.items():
             for turned, angle in directions.items():
                 frames = {
                     (): -factor * fast * np.exp(1j * angle),
