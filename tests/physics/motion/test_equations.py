@@ -8,7 +8,7 @@ from numba import njit
 
 from pymc_ship.physics.forces.programs import sin_cos
 from pymc_ship.physics.motion.equations import STATE, scheme, state_derivative, workspace
-from pymc_ship.physics.motion.inputs import all_inputs
+from pymc_ship.physics.motion.inputs import completed_inputs
 from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from tests.physics.motion import plain_hull
@@ -20,7 +20,7 @@ def rate(vessel, state, delta):
     n = state.shape[1]
     coefficients = np.repeat(reference_coefficients(vessel)[:, None], n, axis=1)
     equations, out = scheme(vessel), np.empty_like(state)
-    state_derivative(state, all_inputs(delta), coefficients, equations, workspace(n, equations), out)
+    state_derivative(state, completed_inputs(delta), coefficients, equations, workspace(n, equations), out)
     return out
 
 

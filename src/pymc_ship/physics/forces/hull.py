@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from numpy.polynomial.legendre import leggauss
 
 from pymc_ship.physics.forces.expressions import Expression, cos, sin, step
 from pymc_ship.physics.forces.hull_database import CROSS_FLOW, SOURCE, bare_hull
-from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, speed
+from pymc_ship.physics.forces.part import Expressions, Force, Motion, Parameter, Part, ShipDimensions, speed
 from pymc_ship.physics.forces.prime_system import GRAVITY
 
 MMG = "MMG standard method, Yasukawa & Yoshimura (2015), doi:10.1007/s00773-014-0293-y"
@@ -18,7 +16,7 @@ _FRICTION = 3.5e-3  # resistance over rho/2 U^2 times wetted surface, of merchan
 _NODES, _WEIGHTS = leggauss(10)  # of the integral of the cross flow over the length
 
 
-def nominal_resistance(ship: Ship) -> tuple[float, float, str]:
+def nominal_resistance(ship: ShipDimensions) -> tuple[float, float, str]:
     """Resistance at the nominal speed, equal to the thrust (1 - t) T: value, sd and source."""
     if ship.propeller_known:
         t, J = thrust_deduction(ship), (1.0 - ship.wake) * ship.J
@@ -30,12 +28,12 @@ def nominal_resistance(ship: Ship) -> tuple[float, float, str]:
     return value, 0.3 * value, "wetted surface of Denny and Mumford, C_T = 3.5e-3"
 
 
-def thrust_deduction(ship: Ship) -> float:
+def thrust_deduction(ship: ShipDimensions) -> float:
     """Thrust deduction t = 0.5 C_B - 0.12 (Kijima et al. 1990) of a single screw."""
     return max(0.5 * ship.block - 0.12, 0.1)
 
 
-def _ahead(ship: Ship) -> tuple[Parameter, ...]:
+def _ahead(ship: ShipDimensions) -> tuple[Parameter, ...]:
     known = bare_hull(ship.L, ship.B, ship.d, ship.volume)
     slender = ship.d / ship.L
     rows = [Parameter("R0", *nominal_resistance(ship))]
@@ -44,7 +42,7 @@ def _ahead(ship: Ship) -> tuple[Parameter, ...]:
     return tuple(rows + [Parameter(name, *row, SOURCE) for name, row in known.items() if name[0] in "YN"])
 
 
-def _hull_ahead(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+def _hull_ahead(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     u, v, r = motion.u, motion.v, motion.r
     U = speed(u, v)
     per_U = 1.0 / U
@@ -61,7 +59,7 @@ def _hull_ahead(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared:
     return Force(X, Y, N)
 
 
-def _any_speed(ship: Ship) -> tuple[Parameter, ...]:
+def _any_speed(ship: ShipDimensions) -> tuple[Parameter, ...]:
     known = bare_hull(ship.L, ship.B, ship.d, ship.volume)
     R0, R0_sd, source = nominal_resistance(ship)
     linear = [Parameter(name, *known[name], SOURCE) for name in ("Xvr", "Xrr", "Yv", "Yr", "Nv", "Nr")]
@@ -77,7 +75,7 @@ def _any_speed(ship: Ship) -> tuple[Parameter, ...]:
     )
 
 
-def _hull_any_speed(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+def _hull_any_speed(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     u, v, r = motion.u, motion.v, motion.r
     force: Expression | float = 0.0
     moment: Expression | float = 0.0
@@ -99,7 +97,7 @@ def _hull_any_speed(ship: Ship, motion: Motion, p: Mapping[str, Expression], sha
 SWAY_CENTRE = "z_Y"  # parameter of roll: depth of the centre of added mass in sway below the origin
 
 
-def _heeling(ship: Ship) -> tuple[Parameter, ...]:
+def _heeling(ship: ShipDimensions) -> tuple[Parameter, ...]:
     height = ship.d / ship.L
     damping = 2.0 * 0.05 * (_stiffness(ship) * ship.GM * (ship.I_xx - ship.added_mass.Kpdot)) ** 0.5
     judged, half = "by judgement", "half the draught below the origin, by judgement"
@@ -120,12 +118,12 @@ def _heeling(ship: Ship) -> tuple[Parameter, ...]:
     )
 
 
-def _stiffness(ship: Ship) -> float:
+def _stiffness(ship: ShipDimensions) -> float:
     """Prime restoring moment of a righting arm of 1 m."""
     return 2.0 * GRAVITY * ship.volume / (ship.nominal_speed**2 * ship.L**3)
 
 
-def _roll(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+def _roll(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     sine, cosine = sin(motion.phi), cos(motion.phi)
     slope = sine / cosine
     arm = (p["GM"] + 0.5 * p["BM"] * slope * slope) * sine

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.expressions import Expression, Trace, cos, sin
 from pymc_ship.physics.forces.hull import LOW_SPEED, MANOEUVRING, ROLL, SWAY_CENTRE
-from pymc_ship.physics.forces.part import INPUTS, STATES, Motion, Parameter, Part, Ship, no_force
+from pymc_ship.physics.forces.part import INPUTS, STATES, Expressions, Motion, Parameter, Part, ShipDimensions, no_force
 from pymc_ship.physics.forces.programs import Program
 from pymc_ship.physics.forces.rudder import RUDDER
 from pymc_ship.physics.forces.screw import PROPELLER
@@ -19,7 +19,7 @@ _SPREAD = {"m_x": 0.3, "m_y": 0.15, "J_zz": 0.25}  # of added masses, over their
 _ROLL_SPREAD = 0.2  # of the total moment of inertia in roll: 10 % of the radius of gyration
 
 
-def _added_mass(ship: Ship) -> tuple[Parameter, ...]:
+def _added_mass(ship: ShipDimensions) -> tuple[Parameter, ...]:
     """Added masses, with relative sds from a comparison of Motora's charts with captive tests."""
     mass = ship.added_mass
     values = [("m_x", -mass.Xudot), ("m_y", -mass.Yvdot), ("J_zz", -mass.Nrdot)]
@@ -79,13 +79,13 @@ def order_parts(names: Sequence[str], *, polynomial: bool) -> tuple[str, ...]:
     return tuple(name for name in PARTS if name in names)
 
 
-def part_parameters(ship: Ship, names: Sequence[str]) -> tuple[Parameter, ...]:
+def part_parameters(ship: ShipDimensions, names: Sequence[str]) -> tuple[Parameter, ...]:
     """Parameters of parts, part after part, with typical values."""
     return tuple(parameter for name in names for parameter in PARTS[name].parameters(ship))
 
 
 @lru_cache(maxsize=64)
-def acceleration_program(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = None) -> Program:
+def acceleration_program(ship: ShipDimensions, parts: tuple[Part, ...], J_inverse: Matrix | None = None) -> Program:
     """Program of the rates of u, v (over U_nom^2 / L), r and p (over U_nom^2 / L^2), for parts in order of evaluation.
 
     With ``J_inverse`` (4, 4), the inverse of the inertia matrix, the accelerations are those by the parts, which add to
@@ -122,7 +122,7 @@ def _sum(trace: Trace, values: Iterable[Expression | float]) -> Expression:
 
 
 def _accelerations(
-    ship: Ship, motion: Motion, p: Mapping[str, Expression], total: list[Expression]
+    ship: ShipDimensions, motion: Motion, p: Expressions, total: list[Expression]
 ) -> list[Expression | float]:
     """Accelerations through the water from forces and from the rotation of the body axes."""
     m, x_G, z_G, r = ship.m, ship.x_G, ship.z_G, motion.r

@@ -32,7 +32,7 @@ class AddedMass(NamedTuple):
     Kpdot: float
 
 
-class Ship(NamedTuple):
+class ShipDimensions(NamedTuple):
     """Fixed dimensions of a ship for the formulae.
 
     Lengths ``L``, ``B``, ``d`` and propeller diameter ``D`` [m], ``volume`` [m3], ``nominal_speed`` [m/s], ``n``
@@ -123,8 +123,9 @@ class Force(NamedTuple):
     K: Expression | float = 0.0
 
 
-Formula = Callable[[Ship, Motion, Mapping[str, Expression], dict[str, Expression]], Force]
-"""Force of a part from ship, motion, parameters, and shared quantities of earlier parts, to which it may add."""
+Expressions = Mapping[str, Expression]  # by name
+Formula = Callable[[ShipDimensions, Motion, Expressions, dict[str, Expression]], Force]
+"""Force of a part from ship, motion, parameters, and shared quantities of earlier parts, which it changes in place."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class Part:
 
     name: str
     description: str
-    parameters: Callable[[Ship], tuple[Parameter, ...]]
+    parameters: Callable[[ShipDimensions], tuple[Parameter, ...]]
     force: Formula
     role: str
 
@@ -147,6 +148,6 @@ def speed(u: Expression, v: Expression) -> Expression:
     return root(u * u + v * v + 1e-12)
 
 
-def no_force(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+def no_force(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     """Formula of a part without a force of its own."""
     return Force()

@@ -5,18 +5,16 @@ Yasukawa & Yoshimura (2015), Eq. 17 to 24, with gamma_R by side and F_N ~ sin(al
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pymc_ship.physics.forces.expressions import Expression, cos, root, sin
 from pymc_ship.physics.forces.hull import MMG
 from pymc_ship.physics.forces.hull_database import CONVEXITY
-from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, speed
+from pymc_ship.physics.forces.part import Expressions, Force, Motion, Parameter, Part, ShipDimensions, speed
 
 SLOWEST = 1e-12  # fourth power of a speed [U_nom] that keeps the inflow smooth at its reversal
 X_R = -0.5  # longitudinal position of the rudder [L]
 
 
-def _parameters(ship: Ship) -> tuple[Parameter, ...]:
+def _parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
     slope = 6.13 * ship.aspect_ratio / (2.25 + ship.aspect_ratio)
     how = "Fujii's 6.13 A / (2.25 + A)"
     sd = 0.1 * slope
@@ -39,7 +37,7 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
     )
 
 
-def _rudder(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+def _rudder(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     u_P, angle = shared["u_P"], -motion.delta
     race = u_P + p["kappa"] * (shared["u_jet"] - abs(u_P))
     inflow = ship.eta * race * abs(race) + (1.0 - ship.eta) * u_P * abs(u_P)

@@ -7,11 +7,10 @@ the straight course; astern it is quadratic in n and u, the rudder has no slipst
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 from pymc_ship.physics.forces.expressions import Expression, arctan2, exp, ramp, root, step
 from pymc_ship.physics.forces.hull import MMG
-from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship
+from pymc_ship.physics.forces.part import Expressions, Force, Motion, Parameter, Part, ShipDimensions
 
 X_P = -0.48  # longitudinal position of the propeller [L]
 NOMINAL_REVOLUTIONS = "n_0"  # parameter that corrects the nominal revolutions of the vessel file
@@ -19,7 +18,7 @@ _TURNING = "right-handed screw, by judgement"
 _B_SERIES = "ten propellers of the Wageningen B-series (Roddy, Hess & Faller 2006, NSWCCD-50-TR-2006/004)"
 
 
-def _parameters(ship: Ship) -> tuple[Parameter, ...]:
+def _parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
     side = ship.d / ship.L
     n_sd, wake_sd, n_source, wake_source = 0.1, 0.04, "vessel file", "vessel file"
     if not ship.propeller_known:
@@ -39,7 +38,7 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
     )
 
 
-def _propeller(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+def _propeller(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     J, n = ship.J / p[NOMINAL_REVOLUTIONS], motion.n / p[NOMINAL_REVOLUTIONS]
     drift = arctan2(-1.0 * motion.v - X_P * motion.r, root(motion.u * motion.u + 1e-6))
     by_side = p["C2"] + p["dC2"] * (2.0 * step(drift) - 1.0)

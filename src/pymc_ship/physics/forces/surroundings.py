@@ -5,10 +5,8 @@ Wind: X as the cosine, Y as the sine, N as the sine of twice the relative direct
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pymc_ship.physics.forces.expressions import Expression
-from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, no_force, speed
+from pymc_ship.physics.forces.part import Expressions, Force, Motion, Parameter, Part, ShipDimensions, no_force, speed
 
 AIR_OVER_WATER = 1.225 / 1025.0  # density of air over that of sea water
 CURRENT_COMPONENTS = ("c_north", "c_east")
@@ -17,7 +15,7 @@ CURRENT_COMPONENTS = ("c_north", "c_east")
 _FOSSEN = "Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, section 8.1"
 
 
-def _of_wind(ship: Ship) -> tuple[Parameter, ...]:
+def _of_wind(ship: ShipDimensions) -> tuple[Parameter, ...]:
     return (
         Parameter("C_X", 0.7, 0.25, _FOSSEN, "wind coefficient"),
         Parameter("C_Y", 0.8, 0.25, _FOSSEN, "wind coefficient"),
@@ -26,7 +24,7 @@ def _of_wind(ship: Ship) -> tuple[Parameter, ...]:
     )
 
 
-def _wind(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+def _wind(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     u, v = motion.u_air, motion.v_air
     V = speed(u, v)
     X = -AIR_OVER_WATER * ship.frontal * p["C_X"] * u * V
@@ -34,19 +32,19 @@ def _wind(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[
     return Force(X, Y, -2.0 * AIR_OVER_WATER * ship.lateral * p["C_N"] * u * v)
 
 
-def _of_current(ship: Ship) -> tuple[Parameter, ...]:
+def _of_current(ship: ShipDimensions) -> tuple[Parameter, ...]:
     usual = "currents of half a knot or so, by judgement"
     sd = 0.5 / ship.nominal_speed
     ways = zip(CURRENT_COMPONENTS, ("north", "east"), strict=True)
     return tuple(Parameter(name, 0.0, sd, usual, f"U_nom, current to the {way}", per_run=True) for name, way in ways)
 
 
-def _of_rest(ship: Ship) -> tuple[Parameter, ...]:
+def _of_rest(ship: ShipDimensions) -> tuple[Parameter, ...]:
     size = "a degree of rudder or so, by judgement"
     return (Parameter("Y_run", 0.0, 2e-5, size, per_run=True), Parameter("N_run", 0.0, 1e-5, size, per_run=True))
 
 
-def _rest(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+def _rest(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     return Force(0.0, p["Y_run"], p["N_run"])
 
 

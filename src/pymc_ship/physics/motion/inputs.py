@@ -19,7 +19,7 @@ Flow = tuple[float, float] | None
 """Wind or current: speed [m/s] and direction [deg], from which wind blows, to which a current sets."""
 
 
-def all_inputs(inputs: np.ndarray) -> np.ndarray:
+def completed_inputs(inputs: np.ndarray) -> np.ndarray:
     """Inputs of shape (4, n_time); a rudder alone is completed by nominal revolutions and no wind."""
     values = np.ascontiguousarray(inputs, dtype=float)
     if values.ndim != 1:
@@ -33,16 +33,16 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     """Inputs of the equations of motion from a record, shape (4, n_time), rows of ``INPUTS`` of the forces.
 
     ``trial`` has ``delta`` [rad] and, if measured, ``n`` [1/s], ``wind_speed`` [m/s] and ``wind_direction`` [rad].
-    Revolutions that are not measured, or whose nominal ones are unknown, are those of the initial speed (or the nominal
-    ones if it is over ground).
+    Revolutions that are not measured, or whose nominal ones are unknown, are in proportion to the initial speed
+    (nominal if it is over ground).
     """
-    values = all_inputs(trial["delta"].values)
+    values = completed_inputs(trial["delta"].values)
     if not vessel.parts:
         return values
     U = vessel.particulars.nominal_speed
     measured = revolutions_measured(trial)
-    free = any(c.name == NOMINAL_REVOLUTIONS and c.sd > FIXED_SD for c in vessel.parameters)
-    if measured and vessel.modular and (vessel.propeller is not None or free):
+    n_is_estimated = any(c.name == NOMINAL_REVOLUTIONS and c.sd > FIXED_SD for c in vessel.parameters)
+    if measured and vessel.modular and (vessel.propeller is not None or n_is_estimated):
         values[1] = trial["n"].values / ship_dimensions(vessel).n
     else:
         speed = np.hypot(trial["u"].values[:10], trial["v"].values[:10] if "v" in trial else 0.0)
@@ -65,7 +65,7 @@ def takes_revolutions(vessel: Vessel) -> bool:
     return vessel.modular and vessel.propeller is not None
 
 
-def velocity(flow: Flow) -> np.ndarray:
+def flow_components(flow: Flow) -> np.ndarray:
     """North and east components [m/s] of a flow, from its speed [m/s] and the direction it goes to [deg]."""
     if flow is None:
         return np.zeros(2)
@@ -97,7 +97,7 @@ def steady_inputs(
             f"A current is slower than the ship, found {float(current[0]):g} m/s at a nominal speed of {U:g} m/s; "
             "correct it (knots times 0.514 are m/s)."
         )
-    air = -velocity(wind) - velocity(current) if wind is not None else np.zeros(2)
+    air = -flow_components(wind) - flow_components(current) if wind is not None else np.zeros(2)
     return np.array([revolutions, *(air / U)])
 
 

@@ -8,7 +8,7 @@ from numba import njit
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.physics.motion.equations import KERNEL, Scheme, scheme, set_parts
-from pymc_ship.physics.motion.inputs import all_inputs
+from pymc_ship.physics.motion.inputs import completed_inputs
 from pymc_ship.physics.motion.stepping import (
     LANES,
     METHODS,
@@ -88,7 +88,7 @@ def replay(
     SimulationError
         For an unknown method, a wrong shape, counts below one or a record shorter than one block.
     """
-    values, draws = all_inputs(inputs), np.atleast_2d(np.asarray(coefficients, dtype=float))
+    values, draws = completed_inputs(inputs), np.atleast_2d(np.asarray(coefficients, dtype=float))
     initial = np.atleast_2d(np.asarray(initial_state, dtype=float))
     check_replay(vessel, (draws[0], initial[0], values), interval, method, substeps, block)
     if len(initial) != len(draws):

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from pymc_ship.physics.motion.equations import KERNEL, LINKED, PART, Scheme, scheme, set_parts, workspace
-from pymc_ship.physics.motion.inputs import all_inputs
+from pymc_ship.physics.motion.inputs import completed_inputs
 from pymc_ship.physics.motion.linearisation import INSTANTS, Instants, forcing_gain, instants_of, linearise
 from pymc_ship.physics.motion.replay import check_replay
 from pymc_ship.physics.motion.stepping import (
@@ -175,7 +175,7 @@ def sensitivities(
     default the vessel's reference values. Returns block means of the states (n_states, n_blocks), SI units and rad, NaN
     if the ship diverges, and their derivatives (n_states, n_blocks, n_coefficients + n_states), initial state last.
     """
-    vessel, initial, inputs = as_vessel(vessel), np.array(initial_state, dtype=float), all_inputs(inputs)
+    vessel, initial, inputs = as_vessel(vessel), np.array(initial_state, dtype=float), completed_inputs(inputs)
     theta = reference_coefficients(vessel) if coefficients is None else np.array(coefficients, dtype=float)
     check_replay(vessel, (theta, initial, inputs), interval, method, substeps, block)
     record = Record(inputs, integration(method, interval / substeps, substeps), int(block))

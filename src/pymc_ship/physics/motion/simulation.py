@@ -15,7 +15,7 @@ from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.controlled import Start, course
 from pymc_ship.physics.motion.equations import KERNEL, PART, Scheme, scheme, set_parts
-from pymc_ship.physics.motion.inputs import Flow, steady_inputs, velocity
+from pymc_ship.physics.motion.inputs import Flow, flow_components, steady_inputs
 from pymc_ship.physics.motion.stepping import (
     LANES,
     METHODS,
@@ -204,7 +204,7 @@ def simulate(
     else:
         steps = integration(method, step, stride)
         out, diverged_at = _simulate_in_steps(vessel, manoeuvre, draws, steps, n_steps, start)
-    for row, drift in zip(out[-3:-1], velocity(current), strict=True):
+    for row, drift in zip(out[-3:-1], flow_components(current), strict=True):
         row += drift * time
     attrs = {
         "vessel": vessel.name,

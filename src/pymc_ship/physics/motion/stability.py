@@ -6,7 +6,7 @@ import numpy as np
 
 from pymc_ship.physics.forces.prime_system import rate_scale
 from pymc_ship.physics.motion.equations import STATE, scheme, set_parts, state_derivative, workspace
-from pymc_ship.physics.motion.inputs import all_inputs
+from pymc_ship.physics.motion.inputs import completed_inputs
 from pymc_ship.physics.vessel.vessel import Vessel
 
 _DIFFERENCE = 1e-6  # half width of the central differences, prime values
@@ -41,5 +41,5 @@ def _rates(vessel: Vessel, coefficients: np.ndarray, speed: float, row: int, cha
     state[row] = change
     columns, work = np.ascontiguousarray(coefficients.T), workspace(n_draws, constants)
     set_parts(columns, constants, work)
-    state_derivative(state, all_inputs(np.zeros(n_draws)), columns, constants, work, rate)
+    state_derivative(state, completed_inputs(np.zeros(n_draws)), columns, constants, work, rate)
     return rate

@@ -13,7 +13,7 @@ from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.expressions import Trace
 from pymc_ship.physics.forces.hull import ROLL, nominal_resistance, thrust_deduction
 from pymc_ship.physics.forces.modular import PARTS, UnknownPart, acceleration_program, order_parts, part_parameters
-from pymc_ship.physics.forces.part import AddedMass, Ship
+from pymc_ship.physics.forces.part import AddedMass, ShipDimensions
 from pymc_ship.physics.forces.programs import Program
 from pymc_ship.physics.forces.propeller import Propeller
 from pymc_ship.physics.forces.surroundings import WIND
@@ -28,14 +28,14 @@ _KAPPA = 0.55  # contraction of the slipstream
 _ASPECT = 1.6  # of a rudder
 
 
-def ship_dimensions(vessel: Vessel) -> Ship:
+def ship_dimensions(vessel: Vessel) -> ShipDimensions:
     """Dimensions that parts need, typical where the file leaves them out; VesselError without a draught."""
     s, windage = vessel.particulars, vessel.windage
     _check_draught(vessel)
     area, aspect = (vessel.rudder.area, vessel.rudder.aspect_ratio) if vessel.rudder else (_rudder_area(s), _ASPECT)
     wake = 0.5 * (s.volume / (s.L * s.B * s.d)) - 0.05
     propeller = vessel.propeller or Propeller(_DIAMETER * s.d, math.nan, wake, *_OPEN_WATER, _ETA, _KAPPA)
-    ship = Ship(
+    ship = ShipDimensions(
         **_attributes(s, ("L", "B", "d", "volume", "nominal_speed", "GM", "BM")),
         **_attributes(propeller, ("D", "n", "k_0", "k_1", "k_2", "eta", "kappa")),
         **_attributes(vessel, ("m", "x_G", "z_G", "I_zz", "I_xx")),
@@ -124,7 +124,7 @@ def _rudder_area(s: Particulars) -> float:
     return s.d * s.L / 100.0 * (1.0 + 25.0 * (s.B / s.L) ** 2)
 
 
-def _revolutions(ship: Ship) -> float:
+def _revolutions(ship: ShipDimensions) -> float:
     """Revolutions [1/s] at which the thrust of a typical propeller equals the resistance at the nominal speed."""
     resistance, _, _ = nominal_resistance(ship)
     thrust = 0.5 * resistance * (ship.L * ship.nominal_speed) ** 2 / (1.0 - thrust_deduction(ship))
