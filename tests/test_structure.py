@@ -82,7 +82,7 @@ TESTED_BY = {
     "physics.motion.linearisation": "physics/motion/test_sensitivities.py: against differences of the motion",
     "physics.motion.replay": "physics/motion/test_simulation.py: against the simulation",
     "records.checks.verdicts": "records/checks/test_trial_checks.py: verdicts of all checks",
-    "records.denoising.shrinkage": "records/denoising/test_draws.py: draws of the coefficients",
+    "records.denoising.wavelet_posterior": "records/denoising/test_draws.py: draws of the coefficients",
     "records.denoising.spike_and_slab": "records/denoising/test_ebayes.py: against published values",
     "records.files.quality_flags": "records/checks/test_trial_checks.py: flags of a validated record",
     "replication.tables": "replication/test_study.py: tables of the study",

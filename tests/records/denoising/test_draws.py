@@ -10,7 +10,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.records.denoising import wavelets
 from pymc_ship.records.denoising.ebayes import posterior_draw, posterior_mean, posterior_median, posterior_weight
-from pymc_ship.records.denoising.shrinkage import shrinkage
+from pymc_ship.records.denoising.wavelet_posterior import wavelet_posterior
 from pymc_ship.trial.record import check_trial
 from tests.records.denoising.cases import SHAPES, classic
 from tests.sentences import refused
@@ -93,19 +93,19 @@ def _chi2(ranks):
 
 def test_the_mean_over_all_shifts_is_the_translation_invariant_estimate():
     noisy = classic("blocks")[:64] + np.random.default_rng(0).normal(size=64)
-    shrunk = shrinkage(noisy, "signal", "sym4", "laplace", True, levels=2)
-    settings = [{"weight": weight, "scale": scale} for weight, scale in shrunk.fitted]
+    posterior = wavelet_posterior(noisy, "signal", "sym4", "laplace", True, levels=2)
+    settings = [{"weight": weight, "scale": scale} for weight, scale in posterior.level_priors]
     estimates = []
     for shift in range(4):
-        approximation, details = wavelets.transform(np.roll(shrunk.padded, -shift), shrunk.filters, 2, False)
+        approximation, details = wavelets.transform(np.roll(posterior.padded, -shift), posterior.filters, 2, False)
         means = [
-            shrunk.sdev * posterior_mean(detail / shrunk.sdev, prior="laplace", **one)
+            posterior.sdev * posterior_mean(detail / posterior.sdev, prior="laplace", **one)
             for detail, one in zip(details, settings, strict=True)
         ]
-        smooth = np.roll(wavelets.inverse(approximation, means, shrunk.filters, False), shift)
-        estimates.append(smooth[shrunk.before : shrunk.before + 64] + shrunk.trend)
-    assert np.abs(np.mean(estimates, axis=0) - shrunk.estimate("mean")).max() < 1e-12
-    assert np.abs(estimates[0] - shrunk.estimate("mean")).max() > 0.1
+        smooth = np.roll(wavelets.inverse(approximation, means, posterior.filters, False), shift)
+        estimates.append(smooth[posterior.before : posterior.before + 64] + posterior.trend)
+    assert np.abs(np.mean(estimates, axis=0) - posterior.estimate("mean")).max() < 1e-12
+    assert np.abs(estimates[0] - posterior.estimate("mean")).max() > 0.1
 
 
 @pytest.mark.parametrize("translation_invariant", [True, False])

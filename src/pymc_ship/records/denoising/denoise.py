@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from pymc_ship.machine.arguments import check_choice, real_array, short_repr
 from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.records.denoising.ebayes import RULES
-from pymc_ship.records.denoising.shrinkage import shrinkage
 from pymc_ship.records.denoising.smoothers import SMOOTHERS, smooth_signal
+from pymc_ship.records.denoising.wavelet_posterior import wavelet_posterior
 from pymc_ship.trial.channels import channel_names
 from pymc_ship.trial.record import as_trial, check_trial
 
@@ -179,8 +179,8 @@ def _denoise(y: ArrayLike, what: str, method: str, settings: dict[str, Any]) -> 
         return smooth.estimate, {"noise_sdev": smooth.sdev, f"denoise_{SMOOTHERS[method].parameter}": smooth.parameter}
     rule = settings.get("rule", "median")
     check_choice("The rule", rule, RULES)
-    shrunk = shrinkage(signal, what, **{name: value for name, value in settings.items() if name != "rule"})
-    return shrunk.estimate(rule), {"noise_sdev": shrunk.sdev}
+    posterior = wavelet_posterior(signal, what, **{name: value for name, value in settings.items() if name != "rule"})
+    return posterior.estimate(rule), {"noise_sdev": posterior.sdev}
 
 
 def _check_method(method: str, function: Callable[..., object], settings: dict[str, Any]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.records.denoising.denoise import channels_to_denoise, finite_signal
-from pymc_ship.records.denoising.shrinkage import shrinkage
+from pymc_ship.records.denoising.wavelet_posterior import wavelet_posterior
 from pymc_ship.trial.record import as_trial
 
 
@@ -103,5 +103,5 @@ def _draw(y: ArrayLike, what: str, draws: int, rng: np.random.Generator, setting
     """Draws of a signal, shape (draws, n_time); ``what`` names it in errors."""
     if draws < 1:
         raise ValueError(f"The number of draws must be 1 or more, found {draws}; raise draws.")
-    shrunk = shrinkage(finite_signal(y, what), what, **settings)
-    return np.array([shrunk.draw(rng) for _ in range(draws)])
+    posterior = wavelet_posterior(finite_signal(y, what), what, **settings)
+    return np.array([posterior.draw(rng) for _ in range(draws)])

@@ -16,12 +16,12 @@ REPEATS = 0.25  # fraction of samples equal to the one before, from which repeat
 
 
 @dataclass(frozen=True)
-class Shrinkage:
+class WaveletPosterior:
     """A signal with its extension past the ends, and the prior of its wavelet coefficients at every level.
 
-    ``padded`` is ``signal`` minus ``trend``, with ``before`` samples in front, a multiple of 2**levels. ``fitted`` are
-    weight and scale of each level of detail, coarsest first, in units of the noise ``sdev``; empty if that is 0, within
-    the accuracy of the filters. Translation invariant, the posterior is a mixture over all shifts.
+    ``padded`` is ``signal`` minus ``trend``, with ``before`` samples in front, a multiple of 2**levels.
+    ``level_priors``: weight and scale of each level of detail, coarsest first, in units of the noise ``sdev``; empty if
+    that is 0, within the accuracy of the filters. Translation invariant, the posterior is a mixture over all shifts.
     """
 
     signal: np.ndarray
@@ -32,7 +32,7 @@ class Shrinkage:
     filters: pywt.Wavelet
     translation_invariant: bool
     prior: str
-    fitted: tuple[tuple[float, float], ...]
+    level_priors: tuple[tuple[float, float], ...]
     sdev: float
 
     def estimate(self, rule: str) -> np.ndarray:
@@ -42,7 +42,7 @@ class Shrinkage:
         approximation, details = self._transform(self.padded, self.translation_invariant)
         smooth = [
             self.sdev * shrink(detail / self.sdev, weight, self.prior, scale, rule)
-            for detail, (weight, scale) in zip(details, self.fitted, strict=True)
+            for detail, (weight, scale) in zip(details, self.level_priors, strict=True)
         ]
         return self._without_margins(wavelets.inverse(approximation, smooth, self.filters, self.translation_invariant))
 
@@ -56,7 +56,7 @@ class Shrinkage:
         approximation = approximation + self.sdev * rng.standard_normal(approximation.size)
         detail_draws = [
             self.sdev * posterior_draw(detail / self.sdev, weight, self.prior, scale, rng=rng)
-            for detail, (weight, scale) in zip(details, self.fitted, strict=True)
+            for detail, (weight, scale) in zip(details, self.level_priors, strict=True)
         ]
         padded = np.roll(wavelets.inverse(approximation, detail_draws, self.filters, False), shift)
         return self._without_margins(padded)
@@ -68,9 +68,9 @@ class Shrinkage:
         return padded[self.before : self.before + self.signal.size] + self.trend
 
 
-def shrinkage(
+def wavelet_posterior(
     signal: np.ndarray,
-    what: str,
+    name: str,
     wavelet: str,
     prior: str,
     translation_invariant: bool,
@@ -78,20 +78,20 @@ def shrinkage(
     scale: float | None = None,
     levels: int | None = None,
     boundary: str = "reflect",
-) -> Shrinkage:
-    """Shrinkage of a finite signal; parameters as :func:`pymc_ship.denoise_signal`, ``what`` names it in errors."""
+) -> WaveletPosterior:
+    """Posterior of a finite signal; parameters as :func:`pymc_ship.denoise_signal`, ``name`` is that in errors."""
     check_choice("The prior", prior, PRIORS)
     check_choice("The boundary", boundary, wavelets.BOUNDARIES)
     filters = wavelets.orthogonal_wavelet(wavelet)
-    levels = wavelets.whole_levels(signal.size, levels, what)
-    before, after = wavelets.margins(signal.size, filters.dec_len, levels, boundary, what)
+    levels = wavelets.whole_levels(signal.size, levels, name)
+    before, after = wavelets.margins(signal.size, filters.dec_len, levels, boundary, name)
     trend = wavelets.end_trend(signal) if boundary == "reflect" else np.zeros(signal.size)
     padded = np.pad(signal - trend, (before, after), "symmetric")
     _, details = wavelets.transform(padded, filters, levels, translation_invariant)
     inside = [detail[wavelets.inside(detail.size, padded.size, before, after)] for detail in details]
-    sdev = _noise_sdev(signal, inside[-1], what)
-    fitted = tuple(fit_prior(detail / sdev, prior, scale)[:2] for detail in inside) if sdev else ()
-    return Shrinkage(
+    sdev = _noise_sdev(signal, inside[-1], name)
+    level_priors = tuple(fit_prior(detail / sdev, prior, scale)[:2] for detail in inside) if sdev else ()
+    return WaveletPosterior(
         signal=signal,
         trend=trend,
         padded=padded,
@@ -100,12 +100,12 @@ def shrinkage(
         filters=filters,
         translation_invariant=translation_invariant,
         prior=prior,
-        fitted=fitted,
+        level_priors=level_priors,
         sdev=sdev,
     )
 
 
-def _noise_sdev(signal: np.ndarray, detail: np.ndarray, what: str) -> float:
+def _noise_sdev(signal: np.ndarray, detail: np.ndarray, name: str) -> float:
     """Noise standard deviation from the finest detail where the signal moves, at least that of its rounding.
 
     0 within the accuracy of the filters; a UserWarning where repeated values hide the noise.
@@ -115,7 +115,7 @@ def _noise_sdev(signal: np.ndarray, detail: np.ndarray, what: str) -> float:
     repeats = float(np.mean(np.diff(signal[mask]) == 0.0)) if np.ptp(signal) else 0.0
     if repeats > REPEATS and not rounding:
         warnings.warn(
-            f"The noise of the {what} may be estimated too small, found {repeats:.0%} of its samples equal to the one "
+            f"The noise of the {name} may be estimated too small, found {repeats:.0%} of its samples equal to the one "
             "before; export more digits, or each reading of the sensor once.",
             UserWarning,
             stacklevel=5,
