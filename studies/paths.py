@@ -23,7 +23,7 @@ from pymc_ship.cli.main import run_command
 from pymc_ship.cli.ship_commands import checked_trials
 from pymc_ship.cli.texts import table
 from pymc_ship.inference.rows.from_trials import regression_data
-from pymc_ship.inference.rows.weak_form import evidence_posterior_mean, weak_form_start
+from pymc_ship.inference.rows.weak_form import empirical_bayes_mean, weak_form_start
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.windows import Window, fit_windows, prepared_windows, thin_record
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError, VesselError
@@ -172,7 +172,7 @@ def _regressions(runs: _Runs, *, by_speed: bool) -> Iterator[Estimated]:
         found = []
         for dof, prior in zip(runs.vessel.dofs, priors, strict=True):
             X, y = (np.concatenate(parts) for parts in zip(*(rows[dof] for rows in _without(every, k)), strict=True))
-            found.append(evidence_posterior_mean(X, y, *prior))
+            found.append(empirical_bayes_mean(X, y, *prior))
         yield Estimated(np.concatenate(found))
 
 

@@ -83,7 +83,7 @@ def test_the_weights_are_what_sets_the_first_path_apart():
         X, y = (
             np.concatenate(parts) for parts in zip(*(_surge(name, by_speed=by_speed) for name in "bc"), strict=True)
         )
-        expected = ship_paths.evidence_posterior_mean(X, y, plain.prior.mean[:n], plain.prior.scale[:n])
+        expected = ship_paths.empirical_bayes_mean(X, y, plain.prior.mean[:n], plain.prior.scale[:n])
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 

@@ -1,7 +1,7 @@
 """The semi-conjugate prior and its exact posterior, a mixture of normals over the noise variance.
 
-Given sigma2 the g of :mod:`~pymc_ship.inference.regression.priors` are independent: a priori N(0, 1), a posteriori
-N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)).
+Given sigma2 the rotated coefficients g (:mod:`~pymc_ship.inference.regression.priors`) are independent: a priori
+N(0, 1), a posteriori N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)).
 """
 
 from __future__ import annotations

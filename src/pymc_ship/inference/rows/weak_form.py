@@ -1,6 +1,6 @@
-"""Weak form: the equations of motion integrated against test functions phi, so that no record is differentiated.
+"""Weak form: the equations of motion integrated against test functions w, so that no record is differentiated.
 
--sum_k phi'_k (J L nu_k) = sum_k phi_k U_k^2 (Phi_k theta + known_k), L = (L, L, L^2, L^2); Bortz, Messenger & Dukic
+-sum_k w'_k (J L nu_k) = sum_k w_k U_k^2 (Phi_k theta + known_k), L = (L, L, L^2, L^2); Bortz, Messenger & Dukic
 (2023), doi:10.1007/s11538-023-01208-6. The motion in the terms is denoised.
 """
 
@@ -74,10 +74,10 @@ def bump(n_radius: int, step: float, method: str = "euler") -> tuple[np.ndarray,
     """
     check_choice("The method of a record", method, METHODS)
     s = np.arange(-n_radius, n_radius + 1) / n_radius
-    phi = (1.0 - s**2) ** _POWER
+    weights = (1.0 - s**2) ** _POWER
     slope = -2.0 * _POWER * s * (1.0 - s**2) ** (_POWER - 1) / (n_radius * step)
-    dphi = np.diff(phi, prepend=0.0) / step if method == "euler" else slope
-    return phi / phi.sum(), dphi / phi.sum()
+    slope = np.diff(weights, prepend=0.0) / step if method == "euler" else slope
+    return weights / weights.sum(), slope / weights.sum()
 
 
 def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, method: str = "euler") -> WeakForm:
@@ -91,7 +91,7 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
 
     record, step = motion_record(trial, vessel), sampling_interval(trial)
     n_time, n_radius = record["u"].size, radius_samples(trial, vessel)
-    phi, dphi = bump(n_radius, step, method)
+    kernels = bump(n_radius, step, method)  # the test function and its slope
     stride = row_stride(n_radius, INTERVAL) if stride is None else stride
     centres = np.arange(-(-n_radius // stride) * stride, n_time - n_radius, stride)
     if centres.size == 0:
@@ -99,7 +99,7 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
             f"The weak form needs a record longer than its test function of {2.0 * n_radius * step:.3g} s, found "
             f"{n_time} samples over {(n_time - 1) * step:g} s; use a longer trial."
         )
-    average, differentiate = (_windows(kernel, centres - n_radius, n_time) for kernel in (phi, dphi))
+    average, differentiate = (_kernel_matrix(kernel, centres - n_radius, n_time) for kernel in kernels)
     names = [name for name in record if name != "delta"]
     smooth = denoise(trial, translation_invariant=False, channels=names)  # decimated wavelet transform: fast
     denoised = record | {name: np.ascontiguousarray(smooth[name].values) for name in names}
@@ -142,7 +142,7 @@ def weak_form_start(
     rows = _stack_rows(trials, vessel, method).values()
     *means, parameters = np.split(mean, cuts)
     parts = zip(rows, means, np.split(scale, cuts)[:-1], strict=True)
-    return np.concatenate([*(evidence_posterior_mean(*data, *prior) for data, *prior in parts), parameters])
+    return np.concatenate([*(empirical_bayes_mean(*data, *prior) for data, *prior in parts), parameters])
 
 
 def coefficient_scales(trials: xr.Dataset | Sequence[xr.Dataset], vessel: VesselLike) -> np.ndarray:
@@ -160,7 +160,7 @@ def coefficient_scales(trials: xr.Dataset | Sequence[xr.Dataset], vessel: Vessel
                 f"A trial must excite every term; {', '.join(idle)} of the {dof} stay 0: leave them out or use a trial "
                 "that excites them."
             )
-        scales.append(_rms(X @ evidence_posterior_mean(X, y, np.zeros(size.size), _rms(y) / size)) / size)
+        scales.append(_rms(X @ empirical_bayes_mean(X, y, np.zeros(size.size), _rms(y) / size)) / size)
     return np.concatenate(scales)
 
 
@@ -176,7 +176,7 @@ def _momentum(vessel: Vessel, record: dict[str, np.ndarray]) -> np.ndarray:
     return vessel.inertia_matrix @ motion
 
 
-def _windows(kernel: np.ndarray, starts: np.ndarray, n_time: int) -> csr_array:
+def _kernel_matrix(kernel: np.ndarray, starts: np.ndarray, n_time: int) -> csr_array:
     """Sparse matrix (n_rows, n_time) with the kernel at each start."""
     from scipy.sparse import csr_array
 
@@ -202,7 +202,7 @@ def _stack_rows(
     }
 
 
-def evidence_posterior_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def empirical_bayes_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Posterior mean under N(mean_j, (tau scale_j)^2), tau and noise variance of maximum evidence, shape (n_terms,)."""
     free = np.isinf(scale)
     coefficients, residual = mean.copy(), y - X @ mean
@@ -227,8 +227,9 @@ def _evidence_ridge(X: np.ndarray, y: np.ndarray, n_rows: int) -> np.ndarray:
     z = left.T @ y
     outside = np.sum((y - left @ z) ** 2)
     least = np.finfo(float).eps ** 2 * np.mean(y**2) + np.finfo(float).tiny
-    spare = n_rows - s.size
-    prior_variance, noise_variance = 1.0, max(outside / spare if spare > 0 else _NOISE_RATIO * np.mean(y**2), least)
+    residual_dof = n_rows - s.size
+    by_residuals = outside / residual_dof if residual_dof > 0 else _NOISE_RATIO * np.mean(y**2)
+    prior_variance, noise_variance = 1.0, max(by_residuals, least)
     for _ in range(_ITERATIONS):
         shrinkage = s**2 / (s**2 + noise_variance / prior_variance)
         determined = max(shrinkage.sum(), np.finfo(float).tiny)

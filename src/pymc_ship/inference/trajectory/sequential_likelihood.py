@@ -19,7 +19,7 @@ _RELATIVE_RANK = 1e-9  # eigenvalues below this fraction of the largest count as
 
 @dataclass(frozen=True)
 class EarlierLikelihood:
-    """Likelihood of the coefficients ``names`` by earlier runs, with the prior of its fit.
+    """Likelihood of the coefficients ``names`` by earlier runs, and the prior of that fit.
 
     ``log_density``: log predictive density of each run, held out.
     """
@@ -89,19 +89,20 @@ def commensurate_likelihood(
     prior: CoefficientPrior,
     coefficients: np.ndarray,
     covariance: np.ndarray,
-    own: Sequence[int] = (),
+    separate: Sequence[int] = (),
 ) -> tuple[GaussianLikelihood, tuple[float, ...]]:
     """Likelihood by other data under a commensurate prior (Hobbs et al. 2011, doi:10.1111/j.1541-0420.2011.01564.x).
 
     Each coefficient differs from that of the present data by N(0, (discrepancy scale times prior sd)^2), the scale of
     largest marginal likelihood on a grid from 0 to 1. ``coefficients`` and ``covariance`` are posterior mean and
-    covariance by the present data and the prior alone; coefficients ``own`` have a scale of their own, returned second.
+    covariance by the present data and the prior alone; those ``separate`` have another scale. Scales are
+    of the others, then of ``separate``; a group without coefficients has none.
     """
     design, residuals = likelihood.design, likelihood.residuals(coefficients)
     scaled, identity = design * prior.scale, np.eye(len(design))
     covariance_of_residuals = identity + design @ covariance @ design.T
-    in_own = np.isin(np.arange(prior.scale.size), own)
-    covariances = [scaled[:, group] @ scaled[:, group].T for group in (~in_own, in_own) if group.any()]
+    is_separate = np.isin(np.arange(prior.scale.size), separate)
+    covariances = [scaled[:, group] @ scaled[:, group].T for group in (~is_separate, is_separate) if group.any()]
 
     def discrepancy(scales: Sequence[float]) -> np.ndarray:
         return sum(scale**2 * one for scale, one in zip(scales, covariances, strict=True))
