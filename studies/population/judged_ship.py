@@ -40,8 +40,8 @@ from pymc_ship.ships.forecasting.stopping import LONGEST, StoppingTest, stopping
 from pymc_ship.ships.identification.model import ShipIdentification, identify_ship
 from pymc_ship.ships.identification.replay import extrapolation_distance, replay
 
-PARTS = ("draw", "identify", "forecast", "replay", "stop")
-"""Parts of a task that are timed [s]; the motion that is forecast is sailed as part of ``forecast`` and of ``stop``."""
+STAGES = ("draw", "identify", "forecast", "replay", "stop")
+"""Stages of a task, which are timed [s]; the motion that is forecast is sailed in ``forecast`` and in ``stop``."""
 
 STATUSES = ("ok", "refused", "failed")
 """How a task ends. `ok`: identified and judged. `refused`: the package says in a sentence why it does not identify the
@@ -150,14 +150,14 @@ def judge(task: ShipTask) -> dict:
     dict
         ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), ``hull``, ``runs``,
         rows of :data:`INDEX`, :data:`INSTANT`, :data:`HELD_INDEX` (``held``) and :data:`STOP` (``stops``), those of
-        :data:`PARTS` [s] and ``cpu`` [s].
+        :data:`STAGES` [s] and ``cpu`` [s].
 
     Raises
     ------
     StudyError
         Where the function that draws ships fails.
     """
-    began, parts, found = process_time(), dict.fromkeys(PARTS, 0.0), _nothing()
+    began, parts, found = process_time(), dict.fromkeys(STAGES, 0.0), _nothing()
     with one_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with stopwatch(parts, "draw"):
@@ -179,7 +179,7 @@ def judge(task: ShipTask) -> dict:
 def unjudged(task: ShipTask) -> dict:
     """A result as :func:`judge` returns it, made without any work; it shows what the keeping of results costs."""
     identity = {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""}
-    return identity | _nothing() | dict.fromkeys((*PARTS, "cpu"), 0.0)
+    return identity | _nothing() | dict.fromkeys((*STAGES, "cpu"), 0.0)
 
 
 def _nothing() -> dict:

@@ -16,7 +16,7 @@ from pymc_ship.pages.tables import Table, fixed_point, number, table
 from pymc_ship.ships.forecasting.stopping import REVERSAL
 from studies.population import coverage, figures
 from studies.population.coverage import Columns, columns_of, where
-from studies.population.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STATUSES, STOP
+from studies.population.judged_ship import HELD_INDEX, INDEX, INSTANT, STAGES, STATUSES, STOP
 
 PAGE = Page(
     "index.html",
@@ -147,7 +147,7 @@ def _content(
     by_session = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed_point(0))}
     by_session |= {"tasks": ("ships", fixed_point(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
     by_group = {"group": ("trials", str), "tasks": ("ships", fixed_point(0))}
-    by_group |= {name: (f"{name} s", n) for name in PARTS} | {"cpu": ("processor s", n)}
+    by_group |= {name: (f"{name} s", n) for name in STAGES} | {"cpu": ("processor s", n)}
     heads = {
         "trials": "trials",
         "hulls": "hull",

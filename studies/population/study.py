@@ -17,7 +17,7 @@ from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.toml import Entry
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.ships.forecasting.stopping import MOST_ASTERN
-from studies.population.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STOP, Draw, ShipTask, judge, unjudged
+from studies.population.judged_ship import HELD_INDEX, INDEX, INSTANT, STAGES, STOP, Draw, ShipTask, judge, unjudged
 from studies.population.page import write_population
 
 _KEYS = ("study", "title", "population", "trials", "forecasts", "astern", "ships", "root_seed")
@@ -90,7 +90,7 @@ class Population:
         "held": _structs(HELD_INDEX),
         "stops": _structs(STOP),
     }
-    timed: ClassVar[tuple[str, ...]] = PARTS
+    timed: ClassVar[tuple[str, ...]] = STAGES
     work, empty = staticmethod(judge), staticmethod(unjudged)
 
     @classmethod

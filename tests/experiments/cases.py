@@ -9,7 +9,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from pymc_ship.experiments.task import PARTS, SCORES
+from pymc_ship.experiments.task import SCORES, STAGES
 
 TOML = """
 title = "small"
@@ -28,13 +28,13 @@ def trivial(task):
     """Result that depends on the task alone and takes no time."""
     scores = {name: math.fmod(100.0 * task.rng().random() + k, 100.0) for k, name in enumerate(SCORES)}
     ended = {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""}
-    return ended | scores | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
+    return ended | scores | dict.fromkeys(STAGES, 1e-6) | {"cpu": 1e-6}
 
 
 def failing(task):
     """Result of a method that fails."""
     ended = {"block": task.block, "seed": task.seed, "status": "failed", "sentence": "ValueError: no use"}
-    return ended | dict.fromkeys(SCORES, math.nan) | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
+    return ended | dict.fromkeys(SCORES, math.nan) | dict.fromkeys(STAGES, 1e-6) | {"cpu": 1e-6}
 
 
 def slow(task):

@@ -21,7 +21,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from pymc_ship.experiments.run import reported_montecarlo
-from pymc_ship.experiments.task import PARTS, measure_task
+from pymc_ship.experiments.task import STAGES, measure_task
 from tests.experiments.cases import slow, trivial
 
 STUDY = Path(__file__).parents[2] / "studies" / "container.toml"
@@ -62,7 +62,7 @@ def scaling(seeds, work):
             reported_montecarlo(grid, folder, workers=workers, work=work)
             timings = pq.read_table(Path(folder, "timings.parquet")).to_pydict()
             tables.append(Path(folder, "results.parquet").read_bytes())
-        parts, wall = sum(sum(timings[name]) for name in PARTS), max(timings["wall"])
+        parts, wall = sum(sum(timings[name]) for name in STAGES), max(timings["wall"])
         walls.append(wall)
         row = {"workers": workers, "tasks": len(timings["wall"]), "wall_s": wall, "parts_s": parts}
         row |= {"cpu_s": sum(timings["cpu"]), "overhead_percent": 100.0 * (1.0 - parts / (workers * wall))}

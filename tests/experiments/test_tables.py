@@ -8,7 +8,7 @@ import pytest
 
 from pymc_ship.experiments.grid import Cell
 from pymc_ship.experiments.tables import Costs, Sizes, bottleneck, cell_row, group_rows, plan_rows, session_rows
-from pymc_ship.experiments.task import PARTS
+from pymc_ship.experiments.task import STAGES
 
 
 def test_what_could_not_be_computed_counts_as_wrong():
@@ -32,11 +32,11 @@ def test_what_could_not_be_computed_counts_as_wrong():
 
 def made_up(n, workers=2, seconds=1.0, parent=0.002, wall=None):
     """Costs of n tasks of so many seconds each."""
-    parts = dict.fromkeys(PARTS, seconds / len(PARTS)) | {"cpu": 0.9 * seconds}
+    parts = dict.fromkeys(STAGES, seconds / len(STAGES)) | {"cpu": 0.9 * seconds}
     clock = {"session": 1, "executor": "dask", "workers": workers}
     step = seconds / workers / 0.8 if wall is None else wall
     rows = [parts | clock | {"wall": (k + 1) * step, "parent": parent} for k in range(n)]
-    costs = Costs(PARTS)
+    costs = Costs(STAGES)
     costs.add("x", pa.Table.from_pylist(rows))
     return costs
 

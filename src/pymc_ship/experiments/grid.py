@@ -15,7 +15,7 @@ from pymc_ship import __version__
 from pymc_ship.experiments.methods import import_path, method_record, own_methods
 from pymc_ship.experiments.page import write_report
 from pymc_ship.experiments.store import Store
-from pymc_ship.experiments.task import METHODS, PARTS, SCORES, Cell, Method, Task, empty_result, measure_task
+from pymc_ship.experiments.task import METHODS, SCORES, STAGES, Cell, Method, Task, empty_result, measure_task
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import SimulationError, StudyError, VesselError
 from pymc_ship.machine.toml import Entry
@@ -74,7 +74,7 @@ class Grid:
     own: dict[str, Method] = field(default_factory=dict)
 
     scores: ClassVar[dict[str, pa.DataType]] = dict.fromkeys(SCORES, pa.float64())
-    timed: ClassVar[tuple[str, ...]] = PARTS
+    timed: ClassVar[tuple[str, ...]] = STAGES
     work, empty = staticmethod(measure_task), staticmethod(empty_result)
 
     @property

@@ -26,7 +26,7 @@ from pymc_ship.experiments.tables import (
     plan_rows,
     session_rows,
 )
-from pymc_ship.experiments.task import PARTS, STATUSES, Cell
+from pymc_ship.experiments.task import STAGES, STATUSES, Cell
 from pymc_ship.machine.files import staged_files
 from pymc_ship.machine.memory import peak_memory
 from pymc_ship.pages import drawing
@@ -100,7 +100,7 @@ def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) 
     by_session |= heads(n, wall="wall s", seconds="sum of parts s") | heads(fixed_point(1), overhead="overhead %")
     by_session |= heads(n, speed="tasks/s", parent_ms="parent ms/task")
     by_method = heads(str, group="method") | heads(fixed_point(0), tasks="tasks")
-    by_method |= heads(n, **{name: f"{name} s" for name in PARTS}, sum="sum s", cpu="processor s")
+    by_method |= heads(n, **{name: f"{name} s" for name in STAGES}, sum="sum s", cpu="processor s")
     plan = heads(str, quantity="") | heads(n, value="value") | heads(str, unit="", measured="from")
     groups = [list(group) for _, group in groupby(rows, key=lambda row: [row[name] for name in _SHARED])]
     shown = {f"scores_{k}": group for k, group in enumerate(groups[:MOST_FIGURES])}

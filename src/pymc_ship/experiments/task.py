@@ -38,8 +38,8 @@ from pymc_ship.replication.estimates import (
 SCORES = ("median_error", "coverage", "coverage_half", "tactical_diameter_error")
 """What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""
 
-PARTS = ("simulate", "pollute", "fit", "score")
-"""Parts of a task that are timed [s]."""
+STAGES = ("simulate", "pollute", "fit", "score")
+"""Stages of a task, which are timed [s]."""
 
 STATUSES = ("ok", "diverged", "failed")
 """How a task ends. `ok`: fitted and scored. `diverged`: fitted, but the fitted ship leaves the model's range in the
@@ -125,41 +125,41 @@ def measure_task(task: Task) -> dict:
     """Simulate, pollute, fit and score; a method that fails gives a result with a sentence.
 
     Keys: ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), those of
-    :data:`SCORES` [%, NaN where there is none], those of :data:`PARTS` [s] and ``cpu``, the processor time [s].
+    :data:`SCORES` [%, NaN where there is none], those of :data:`STAGES` [s] and ``cpu``, the processor time [s].
     StudyError for a method that returns no :class:`Estimate`; errors of :data:`pymc_ship.machine.workers.MACHINE` pass.
     """
-    began, parts, scores = process_time(), dict.fromkeys(PARTS, 0.0), dict.fromkeys(SCORES, float("nan"))
+    began, seconds, scores = process_time(), dict.fromkeys(STAGES, 0.0), dict.fromkeys(SCORES, float("nan"))
     with one_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            status, sentence = _fit_and_score(task, parts, scores)
+            status, sentence = _fit_and_score(task, seconds, scores)
         except (*MACHINE, StudyError):  # says nothing of how well the method does
             raise
         except Exception as error:  # whatever goes wrong in a method is what the study is to find out
             scores, status = dict.fromkeys(SCORES, float("nan")), "failed"
             sentence = error_text(error)
     identity = {"block": task.block, "seed": task.seed, "status": status, "sentence": sentence}
-    return identity | scores | parts | {"cpu": process_time() - began}
+    return identity | scores | seconds | {"cpu": process_time() - began}
 
 
 def empty_result(task: Task) -> dict:
     """Result of an empty task, from which the cost of saving results is measured."""
-    empty = dict.fromkeys(SCORES, float("nan")) | dict.fromkeys((*PARTS, "cpu"), 0.0)
+    empty = dict.fromkeys(SCORES, float("nan")) | dict.fromkeys((*STAGES, "cpu"), 0.0)
     return {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""} | empty
 
 
-def _fit_and_score(task: Task, parts: dict[str, float], scores: dict[str, float]) -> tuple[str, str]:
+def _fit_and_score(task: Task, seconds: dict[str, float], scores: dict[str, float]) -> tuple[str, str]:
     """Fill in seconds and scores; return status and sentence."""
-    with stopwatch(parts, "simulate"):
+    with stopwatch(seconds, "simulate"):
         clean = simulate(task.vessel, task.manoeuvre, duration=task.duration)
         if clean["diverged"]:
             raise _NoCoefficientsError(f"the record diverged at t = {float(clean['diverged_at']):g} s")
-    with stopwatch(parts, "pollute"):
+    with stopwatch(seconds, "pollute"):
         noisy = noisy_trial(clean, task.level, task.noise, task.rng())
-    with stopwatch(parts, "fit"):
+    with stopwatch(seconds, "fit"):
         estimate = (task.own or METHODS[task.method])(noisy, task.vessel)
     _check_estimate(task, estimate)
-    with stopwatch(parts, "score"):
+    with stopwatch(seconds, "score"):
         errors = estimate.scores(task.vessel)
         if not np.isfinite(estimate.coefficients).all():
             raise _NoCoefficientsError("the coefficients are not finite")
@@ -197,10 +197,10 @@ def turn_error(vessel: Vessel, coefficients: np.ndarray) -> tuple[float, float]:
 
 
 @contextmanager
-def stopwatch(parts: dict[str, float], name: str) -> Iterator[None]:
-    """Add the elapsed seconds to those of a part."""
+def stopwatch(seconds: dict[str, float], name: str) -> Iterator[None]:
+    """Add the elapsed seconds to those of a stage."""
     start = perf_counter()
     try:
         yield
     finally:
-        parts[name] += perf_counter() - start
+        seconds[name] += perf_counter() - start

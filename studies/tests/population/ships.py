@@ -12,7 +12,7 @@ import pymc_ship as ps
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from studies.population.judged_ship import PARTS, DrawnShip
+from studies.population.judged_ship import STAGES, DrawnShip
 
 STUDY = {
     "study": "studies.population:Population",
@@ -110,14 +110,14 @@ def made_up(task, share=1.0):
         "held": held,
         "stops": [{"index": "track_reach"} | stop] if task.seed % 2 else [],
     }
-    return ended | found | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
+    return ended | found | dict.fromkeys(STAGES, 1e-6) | {"cpu": 1e-6}
 
 
 def refused(task):
     """A ship that is not identified."""
     ended = {"block": task.block, "seed": task.seed, "status": "refused", "sentence": "No term set can be fitted."}
     none = {"hull": "tanker", "runs": 1.0, "indices": [], "instants": [], "held": [], "stops": []}
-    return ended | none | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
+    return ended | none | dict.fromkeys(STAGES, 1e-6) | {"cpu": 1e-6}
 
 
 def columns(n=4000, share=1.0, growth=0.0, ships=200, seed=4):

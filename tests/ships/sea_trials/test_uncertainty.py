@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from pymc_ship.ships.sea_trials.uncertainty import PARTS, conformity, uncertainty_budget
+from pymc_ship.ships.sea_trials.uncertainty import COMPONENTS, conformity, uncertainty_budget
 
 RNG = np.random.default_rng(7)
 
 
 def row(value, *sds, manoeuvre="zigzag 10/10 port", limit=np.nan):
-    parts = {name: sd * RNG.standard_normal(4000) for name, sd in zip(PARTS, sds, strict=True)}
+    parts = {name: sd * RNG.standard_normal(4000) for name, sd in zip(COMPONENTS, sds, strict=True)}
     return {"manoeuvre": manoeuvre, "index": "first_overshoot_angle", "corrected": value, "limit": limit} | parts
 
 

@@ -10,14 +10,14 @@ import xarray as xr
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.manoeuvre.registry import KINDS
 
-NUMBERS = ("measured", "forecast", "parameter_sd", "model_sd", "measured_sd", "scale", "beyond", "sd")
+VARIABLES = ("measured", "forecast", "parameter_sd", "model_sd", "measured_sd", "scale", "beyond", "sd")
 """Variables of the table; ``scale`` is the unit of the model error, ``beyond`` the distance from the milder runs."""
 
 
 def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
     """Table of indices, dims (run, index), from rows.
 
-    Rows have ``run``, ``manoeuvre``, ``index``, ``kind`` and any of :data:`NUMBERS`. NaN for an index that a run does
+    Rows have ``run``, ``manoeuvre``, ``index``, ``kind`` and any of :data:`VARIABLES`. NaN for an index that a run does
     not have; coordinates ``manoeuvre`` (run), ``quantity`` and ``units`` (index).
     """
     runs: list[dict[str, Mapping]] = []
@@ -26,13 +26,13 @@ def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
             runs.append({})
         runs[-1][row["index"]] = row
     quantity = {row["index"]: row["kind"] for row in rows}
-    order: list[str] = []  # indices of every kind of manoeuvre, each with the last kind that has it
+    order: list[str] = []  # by kind of manoeuvre; an index of several kinds is listed with the last
     for kind in KINDS.values():
         order = [name for name in order if name not in kind.scored] + list(kind.scored)
     known = [name for name in order if name in quantity]
     names = [*known, *(name for name in quantity if name not in known)]
     firsts = [next(iter(run.values())) for run in runs]
-    variables = [name for name in NUMBERS if not rows or name in rows[0]]
+    variables = [name for name in VARIABLES if not rows or name in rows[0]]
     values = {
         name: (("run", "index"), np.array([[run.get(index, {}).get(name, np.nan) for index in names] for run in runs]))
         for name in variables
@@ -51,7 +51,7 @@ def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
 def index_rows(table: xr.Dataset) -> Iterator[dict]:
     """Rows of :func:`index_table`, run after run."""
     heads = {name: table[name].values.tolist() for name in ("run", "manoeuvre", "index", "quantity")}
-    numbers = {name: table[name].values for name in NUMBERS if name in table}
+    numbers = {name: table[name].values for name in VARIABLES if name in table}
     for k, j in np.argwhere(np.isfinite(numbers["measured"])):
         row = {"run": heads["run"][k], "manoeuvre": heads["manoeuvre"][k]}
         row |= {"index": heads["index"][j], "kind": heads["quantity"][j]}

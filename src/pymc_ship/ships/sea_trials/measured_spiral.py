@@ -9,15 +9,15 @@ import xarray as xr
 
 from pymc_ship.records.steering.measured import denoise_motion
 from pymc_ship.ships.forecasting.steady_turns import SPIRAL_INDICES
-from pymc_ship.ships.sea_trials.uncertainty import PARTS
+from pymc_ship.ships.sea_trials.uncertainty import COMPONENTS
 
 LABEL = "spiral test"  # name of the manoeuvre
 _CHANNELS = ("u", "v", "r", "psi", "delta")
-_LASTS = 2.0  # least duration of a steady turn [L/U]
+_SHORTEST_TURN = 2.0  # least duration of a steady turn [L/U]
 _STEADY = 0.02  # largest deviation of a steady rate, over the largest rate
 _RUDDER_TOLERANCE = 0.3  # largest deviation of a fixed rudder [deg]
 _FIXED_FRACTION = 0.6  # least fraction of a direct spiral with fixed rudder
-_LEAST_ANGLES, _MOST_SWEEPS = 5, 4
+_LEAST_ANGLES, _MOST_REVERSALS = 5, 4
 _N_WIDTHS = 201  # equally probable loop widths
 
 
@@ -38,23 +38,24 @@ def measured_spiral(trial: xr.Dataset, ship_time: float) -> xr.Dataset | None:
         return None
     motion = np.array([r / straight, delta / _RUDDER_TOLERANCE] if is_direct else [r / straight])
     rows: list[tuple[float, float, float]] = []
-    for begin, end in _steady_intervals(time, motion, _LASTS * ship_time):
+    for begin, end in _steady_intervals(time, motion, _SHORTEST_TURN * ship_time):
         angle, rate = float(delta[begin:end].mean()), float(r[begin:end].mean())
         if is_direct and rows and abs(angle - rows[-1][1]) < _RUDDER_TOLERANCE:
             rows.pop()  # same angle: keep the later, steadier turn
         rows.append((float(time[end - 1]), angle, rate))
     when, angles, rates = np.array(rows).reshape(-1, 3).T
     changes = np.sign(np.diff(rates)[np.abs(np.diff(rates)) > straight])
-    sweeps = np.count_nonzero(np.diff(changes)) < _MOST_SWEEPS
-    if len(_distinct_angles(angles)) < _LEAST_ANGLES or not sweeps or rates.min() > -straight or rates.max() < straight:
+    reversals = np.count_nonzero(np.diff(changes))
+    is_spiral = len(_distinct_angles(angles)) >= _LEAST_ANGLES and reversals < _MOST_REVERSALS
+    if not is_spiral or rates.min() > -straight or rates.max() < straight:
         return None
     values = (("time", when, "s"), ("delta", angles, "deg"), ("r", rates, "deg/s"))
     channels = {name: ("turn", row, {"units": unit}) for name, row, unit in values}
     return xr.Dataset(channels, attrs={"direct": is_direct, "straight": straight})
 
 
-def spiral_rows(turns: xr.Dataset, limit: float) -> list[dict]:
-    """Indices of :func:`measured_spiral`, rows for :func:`.uncertainty_budget`; ``limit`` of the loop's width [deg].
+def spiral_rows(turns: xr.Dataset, limit_deg: float) -> list[dict]:
+    """Indices of :func:`measured_spiral`, rows for :func:`.uncertainty_budget`; ``limit_deg`` of the loop's width.
 
     A fold of the curve is between two neighbouring rudder angles of a direct spiral: the loop's width is the middle of
     the possible ones, all equally probable. A reverse spiral has no such uncertainty. A residual rate is that of the
@@ -82,9 +83,9 @@ def spiral_rows(turns: xr.Dataset, limit: float) -> list[dict]:
         row = {"manoeuvre": LABEL, "side": "", "index": name, "units": units, "ratio": 1.0, "limit": np.nan}
         row["corrected_for"] = "nothing"
         row |= dict.fromkeys(("raw", "without_current", "corrected"), values[name])
-        row |= dict.fromkeys(PARTS, np.full(1, np.nan))
+        row |= dict.fromkeys(COMPONENTS, np.full(1, np.nan))
         if name == "loop_width":
-            row |= dict.fromkeys(PARTS, np.zeros(1)) | {"u_record": deviations, "limit": limit}
+            row |= dict.fromkeys(COMPONENTS, np.zeros(1)) | {"u_record": deviations, "limit": limit_deg}
         rows.append(row)
     return rows
 

@@ -29,7 +29,7 @@ from pymc_ship.ships.sea_trials.corrections import Model, corrected_indices, mea
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.form import form_rows, ship_rows
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
-from pymc_ship.ships.sea_trials.uncertainty import PARTS, uncertainty_budget
+from pymc_ship.ships.sea_trials.uncertainty import COMPONENTS, uncertainty_budget
 from pymc_ship.trial.record import facility_of, trial_list
 
 
@@ -272,5 +272,5 @@ def _stopping_rows(stop: Mapping[str, float], L: float) -> list[dict]:
         row |= dict.fromkeys(("raw", "without_current", "corrected"), value)
         row |= {"ratio": 1.0, "corrected_for": "nothing"}
         row["limit"] = LIMIT if name == "track_reach" and np.isfinite(value) else np.nan
-        rows.append(row | dict.fromkeys(PARTS, np.full(1, np.nan)))
+        rows.append(row | dict.fromkeys(COMPONENTS, np.full(1, np.nan)))
     return rows
