@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.cli.texts import check_rows
-from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
+from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots, thinned
 from pymc_ship.pages.page import Content, Page, render_page
 from pymc_ship.pages.tables import number, table
 from pymc_ship.physics.manoeuvre.steering_record import first_execute
@@ -57,16 +57,12 @@ def check_page(
     return render_page(_PAGE, Content(values, figures, sources=_SOURCES))
 
 
-def _thin(trial: xr.Dataset) -> xr.Dataset:
-    return trial.isel(time=slice(None, None, max(1, trial.sizes["time"] // _POINTS)))
-
-
 @house_style
 def _track(trial: xr.Dataset, execute: float | None) -> Figure:
     """Track seen from above, north up, with times, and the point at which the rudder is first put over."""
     time, x, y = (trial[name].values for name in ("time", "x", "y"))
     fig, axes = subplots(8.0, 6.0)
-    ax, shown = axes[0, 0], _thin(trial)
+    ax, shown = axes[0, 0], thinned(trial, _POINTS)
     ax.plot(shown["y"], shown["x"], color=BLUE, label="track")
     step = _round_interval(float(np.ptp(time)) / _MARKS)
     for when in np.arange(np.ceil(time[0] / step) * step, time[-1], step):
@@ -96,7 +92,7 @@ def _heading_and_rudder(trial: xr.Dataset, execute: float | None) -> Figure:
     names = [name for name in labels if name in trial]
     fig, axes = subplots(8.0, 2.3 * len(names) + 0.4, len(names), 1, sharex=True)
     for ax, name in zip(axes[:, 0], names, strict=True):
-        shown = _thin(trial[[name]])
+        shown = thinned(trial[[name]], _POINTS)
         ax.plot(shown["time"], np.rad2deg(shown[name]), color=BLUE if name == "psi" else RUST)
         if execute is not None:
             ax.axvline(execute, color=REFERENCE, lw=0.8, ls="--", label="rudder first put over")

@@ -10,6 +10,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import xarray as xr
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -42,6 +43,11 @@ def subplots(
     """Figure [inch] with constrained layout and its axes, shape (rows, columns); never touches pyplot."""
     fig = Figure(figsize=(width, height), layout="constrained")
     return fig, fig.subplots(rows, columns, squeeze=False, **settings)
+
+
+def thinned(record: xr.Dataset, points: int) -> xr.Dataset:
+    """Every n-th sample of a record, about so many ``points``."""
+    return record.isel(time=slice(None, None, max(1, record.sizes["time"] // points)))
 
 
 @house_style

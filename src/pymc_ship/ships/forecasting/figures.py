@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
+from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots, thinned
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
@@ -80,8 +80,8 @@ def turns_and_overshoots(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -
     for tree in forecasts.values():
         colour, kind = colours[tree.attrs["side"]], kind_named(tree.attrs["manoeuvre"])
         if kind.circles:
-            ships, L, median = tree["trajectories"].to_dataset(), vessel.particulars.L, median_ship(tree)
-            ships = ships.isel(time=slice(None, None, max(1, ships.sizes["time"] // _POINTS)))
+            ships = thinned(tree["trajectories"].to_dataset(), _POINTS)
+            L, median = vessel.particulars.L, median_ship(tree)
             styles: list[tuple[int, dict[str, Any]]] = [
                 *((draw, {"lw": 0.4, "alpha": 0.3}) for draw in range(min(ships.sizes["draw"], _TRACKS))),
                 (median, {"lw": 1.6, "label": tree.attrs["label"]}),
@@ -171,17 +171,12 @@ def _panel(
     ax: Axes, tree: xr.DataTree, name: str, trial: xr.Dataset | None, *, colour: str = BLUE, mark: str = ""
 ) -> None:
     """Band, median and measured values of a channel against time, angles in degrees."""
-    bands = _thin(tree["bands"].to_dataset()[[name]])
+    bands = thinned(tree["bands"].to_dataset()[[name]], _POINTS)
     factor = CHANNELS[name].unit.display_factor
     lower, median, upper = factor * bands[name].sel(band=list(BANDS)).values
     band_label = f"{mark}{percent(tree.attrs['ci_prob'])} band"
     ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=band_label)
     ax.plot(bands["time"], median, color=colour, label=f"{mark}median")
     if trial is not None and name in trial:
-        trial_samples = _thin(trial[[name]].sel(time=trial["time"] <= float(bands["time"][-1])))
+        trial_samples = thinned(trial[[name]].sel(time=trial["time"] <= float(bands["time"][-1])), _POINTS)
         ax.plot(trial_samples["time"], factor * trial_samples[name], color=REFERENCE, lw=1.0, label="measured")
-
-
-def _thin(record: xr.Dataset) -> xr.Dataset:
-    """Every n-th sample of a record."""
-    return record.isel(time=slice(None, None, max(1, record.sizes["time"] // _POINTS)))
