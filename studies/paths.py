@@ -21,7 +21,7 @@ import xarray as xr
 from pymc_ship.cli.files import Outcome, Progress, vessel_argument
 from pymc_ship.cli.main import run_command
 from pymc_ship.cli.ship_commands import checked_trials
-from pymc_ship.cli.texts import table
+from pymc_ship.cli.texts import table_text
 from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.inference.rows.weak_form import empirical_bayes_mean, weak_form_start
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
@@ -248,7 +248,7 @@ def _text(rows: Sequence[Mapping]) -> str:
     """Score and errors of each path, and why one failed."""
     keys = ("log_density", "first_overshoot_angle_mean", "second_overshoot_angle_mean", "overshoot_time_median")
     header = ("path", "held-out score", "first overshoot [deg]", "second overshoot [deg]", "time to overshoot [%]")
-    lines = table(header, [(row["path"], *(row[key] for key in keys)) for row in rows])
+    lines = table_text(header, [(row["path"], *(row[key] for key in keys)) for row in rows])
     return "\n".join([lines, *(f"{row['path']}: {row['remark']}" for row in rows if row["remark"])])
 
 

@@ -52,7 +52,7 @@ TESTED_BY = {
     "cli.examples": "cli/test_parser.py: every example is parsed",
     "cli.files": "journeys/test_cli_errors.py: files that a command cannot read",
     "cli.texts": "journeys/test_cli.py: what the commands print",
-    "cli.words": "journeys/test_cli_errors.py: words that are no values",
+    "cli.argument_types": "journeys/test_cli_errors.py: words that are no values",
     "diagnostics.figures": "diagnostics/test_regression.py: drawn with the subsection that shows them",
     "diagnostics.group_subsections": "inference/sampling/test_hierarchical_model.py: the page of two ships",
     "diagnostics.posterior_statistics": "diagnostics/test_regression.py: the numbers of every subsection",
@@ -240,9 +240,9 @@ def test_the_check_of_wings_can_fail(tmp_path):
         tmp_path,
         "import pymc_ship.cli.main\nfrom pymc_ship import simulate\nfrom . import ships\nimport pymc_ship as ps\n"
         "from pymc_ship.records.checks.lag import common_lag\n"
-        "def f():\n    from pymc_ship.cli.words import seed\n    from .machine.files import _staged\n",
+        "def f():\n    from pymc_ship.cli.argument_types import seed\n    from .machine.files import _staged\n",
     )
-    names = ["", "cli.main", "cli.words.seed", "records.checks.lag.common_lag", "ships", "simulate"]
+    names = ["", "cli.argument_types.seed", "cli.main", "records.checks.lag.common_lag", "ships", "simulate"]
     assert violations("trial", path) == names
     assert violations("records.denoising", path) == names
     assert violations("records.checks", path) == [name for name in names if "lag" not in name]

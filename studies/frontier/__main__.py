@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 
+from pymc_ship.cli.argument_types import seed
 from pymc_ship.cli.files import Outcome, Progress
 from pymc_ship.cli.main import run_command
-from pymc_ship.cli.words import seed
 from studies.command_line import study_parser
 
 

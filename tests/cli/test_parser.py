@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.cli import check, commands, ship_commands, words
+from pymc_ship.cli import argument_types, check, commands, ship_commands
 from pymc_ship.cli import parser as command_parser
 from pymc_ship.cli.main import main
-from pymc_ship.cli.parser import LONGEST, parser, sentence
+from pymc_ship.cli.parser import LONGEST, error_line, parser
 from pymc_ship.inference.regression import cross_validation
 from pymc_ship.inference.regression import identify as identification
 from pymc_ship.inference.regression.families import FAMILIES
@@ -99,7 +99,7 @@ def test_choices_are_those_of_the_api():
     assert METHODS == command_parser.METHODS
     assert simulation.INTEGRATORS == command_parser.INTEGRATORS
     assert denoise.METHODS == command_parser.DENOISE_METHODS
-    assert tuple(instruments.INSTRUMENTS) == words.INSTRUMENTS
+    assert tuple(instruments.INSTRUMENTS) == argument_types.INSTRUMENTS
     assert (*DERIVATIVES, *WEAK) == command_parser.DERIVATIVES
     assert PRIORS == command_parser.DENOISE_PRIORS
     assert ship_candidates.PRIORS == command_parser.SHIP_PRIORS
@@ -115,7 +115,7 @@ def test_a_pattern_is_replaced_by_the_files_it_names(tmp_path, monkeypatch):
         (tmp_path / name).touch()
     (tmp_path / "odd*").touch()
     line = ["identify", "*.csv", "odd*", "--out", "d", "--*", "?.txt"]
-    assert words.expand_patterns(line) == ["identify", "a.csv", "b.csv", "odd*", "--out", "d", "--*", "c.txt"]
+    assert argument_types.expand_patterns(line) == ["identify", "a.csv", "b.csv", "odd*", "--out", "d", "--*", "c.txt"]
 
 
 def test_a_pattern_that_names_no_file_is_refused_in_one_sentence(tmp_path, monkeypatch, capsys):
@@ -136,18 +136,18 @@ def test_the_default_interval_of_rows_is_a_multiple_of_the_sampling_interval(con
 
 
 def test_a_short_sentence_is_one_line():
-    assert sentence("Two lines\n  of a\tlibrary") == "pymc-ship: Two lines of a library."
-    assert sentence("It ends.") == "pymc-ship: It ends."
-    assert sentence("odd \x1b[31m\x00") == "pymc-ship: odd ?[31m?."
+    assert error_line("Two lines\n  of a\tlibrary") == "pymc-ship: Two lines of a library."
+    assert error_line("It ends.") == "pymc-ship: It ends."
+    assert error_line("odd \x1b[31m\x00") == "pymc-ship: odd ?[31m?."
 
 
 def test_a_long_sentence_keeps_its_begin_and_its_end():
-    said = sentence(f"begin {'x' * 5000} end")
+    said = error_line(f"begin {'x' * 5000} end")
     assert len(said) == LONGEST
     assert said.startswith("pymc-ship: begin xxx")
     assert " ... xxx" in said
     assert said.endswith("xxx end.")
-    whole = sentence("y" * (LONGEST - 12))
+    whole = error_line("y" * (LONGEST - 12))
     assert len(whole) == LONGEST
     assert " ... " not in whole
 

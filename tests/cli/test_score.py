@@ -7,8 +7,8 @@ import csv
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.cli.argument_types import flow
 from pymc_ship.cli.main import main
-from pymc_ship.cli.words import flow
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 - `main`: entry point; errors, interrupts, progress.
 - `parser`: commands, options and the error line.
 - `examples`: examples of each command.
-- `words`: values of arguments, checked.
+- `argument_types`: values of arguments, checked.
 - `files`: trials, vessels and manoeuvres that a command names; files that it writes.
 - `texts`: printed tables and sentences.
 - `commands`: commands about one trial or one posterior.

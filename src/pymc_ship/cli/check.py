@@ -13,7 +13,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.cli.check_page import check_page
 from pymc_ship.cli.files import Outcome, Progress, made_by, output_file, vessel_argument, write_text, write_trial_file
-from pymc_ship.cli.texts import check_text, table
+from pymc_ship.cli.texts import check_text, table_text
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.trial_checks import doubtful_checks, failed_checks
 from pymc_ship.records.checks.verdicts import Check
@@ -46,8 +46,8 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     trial = reading.trial if failure else ps.corrected_trial(reading.trial, checks)
     name, columns, lacking = Path(args.trial).name, column_rows(reading), lacking_text(trial, vessel)
     manoeuvre, indices = ("", []) if failure else _manoeuvre(trial, vessel)
-    text = [table(_COLUMNS, columns, f"Columns of {name}"), lacking, check_text(checks), manoeuvre]
-    text += [table(_INDICES, indices, "Indices of the denoised record")] if indices else []
+    text = [table_text(_COLUMNS, columns, f"Columns of {name}"), lacking, check_text(checks), manoeuvre]
+    text += [table_text(_INDICES, indices, "Indices of the denoised record")] if indices else []
     printed = "\n\n".join(filter(None, text))
     if out and out.suffix.lower() == PAGE:
         progress("writing the page")

@@ -33,11 +33,11 @@ from pymc_ship.cli.parser import FAMILIES
 from pymc_ship.cli.texts import (
     CoefficientRow,
     coefficient_rows,
-    coefficient_table,
-    criteria_table,
-    index_table,
+    coefficient_text,
+    criteria_text,
+    index_text,
     montecarlo_text,
-    table,
+    table_text,
     trajectory_rows,
     trajectory_text,
     tuning_text,
@@ -80,7 +80,7 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     text = [diverged] if run["diverged"] else []
     if manoeuvre.traits.indices:
         indices = ps.indices(run)
-        text += [index_table(indices, {"value": indices}), criteria_table(imo_criteria(indices, vessel))]
+        text += [index_text(indices, {"value": indices}), criteria_text(imo_criteria(indices, vessel))]
     trial = run.isel(time=np.isfinite(run["psi"].values))
     if trial.sizes["time"] < 2:
         raise TrialError(
@@ -124,11 +124,11 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
         for name in names
     ]
     header = ("channel", "noise sd", "unit", *(key.removeprefix("denoise_") for key in chosen))
-    return table(header, rows, "Noise of each channel"), out
+    return table_text(header, rows, "Noise of each channel"), out
 
 
 def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
+    """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient, and the value of the vessel file."""
     from pymc_ship.inference.regression.identify import identify as identified
 
     (trial,), vessel = _fit_arguments([args.trial], args, progress)
@@ -150,7 +150,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
                 write_posterior(tree, folder / f"{dof}-{family}.nc")
             rows += coefficient_rows(vessel, family, result.exact[family])
         write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
-    text = [trial.attrs["record_remarks"], "\n".join(bounds), coefficient_table(rows, families)]
+    text = [trial.attrs["record_remarks"], "\n".join(bounds), coefficient_text(rows, families)]
     return "\n\n".join(filter(None, text)), out
 
 
@@ -169,7 +169,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     with staged_files(out) as folder:
         write_posterior(tree, folder / "trajectory.nc")
         write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
-    text = [tree.attrs["record_remarks"], trajectory_text(tree), coefficient_table(rows, ("trajectory",))]
+    text = [tree.attrs["record_remarks"], trajectory_text(tree), coefficient_text(rows, ("trajectory",))]
     return "\n\n".join(filter(None, text)), out
 
 

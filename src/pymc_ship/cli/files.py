@@ -121,7 +121,7 @@ def output_file(path: str, option: str = "--out") -> Path:
 
 
 def check_replaced(args: argparse.Namespace) -> None:
-    """Raise OutputError where an output of a command would replace an input, or what another command or hand made.
+    """Raise OutputError where an output of a command would replace an input, or a file of another command or a user.
 
     A result of the same command and options may be replaced, and so may anything with ``--force``.
     """
@@ -135,14 +135,14 @@ def check_replaced(args: argparse.Namespace) -> None:
         option = f"--{option.replace('_', '-')}"
         if os.path.realpath(path) in inputs:
             raise OutputError(f"{option} must not be an input, found {path}; give another name, or --force.")
-        if option == "--write-format" or not _is_remade(path, args):
+        if option == "--write-format" or not _is_own_result(path, args):
             raise OutputError(
                 f"{option} must be new or a result of the same command and options, found another at {path}; "
                 "give another name, or --force to replace it."
             )
 
 
-def _is_remade(path: Path, args: argparse.Namespace) -> bool:
+def _is_own_result(path: Path, args: argparse.Namespace) -> bool:
     """Whether a command makes a file anew, or whether no result in a folder is of other options of it."""
     own = made_by(args).split(" ", 2)[2]
     files = [path] if path.is_file() else [one for one in path.glob("*.*") if one.suffix in _RESULTS and one.is_file()]

@@ -18,8 +18,8 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pymc_ship.cli.parser import parser, sentence
-from pymc_ship.cli.words import expand_patterns
+from pymc_ship.cli.argument_types import expand_patterns
+from pymc_ship.cli.parser import error_line, parser
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.memory import address_space
 
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 _ADDRESS_SPACE = 4_000_000_000
 """Smallest address space [bytes] in which the numerical libraries do not abort."""
 
-_ROOMS = {"check": "check"} | dict.fromkeys(
+_MODULES = {"check": "check"} | dict.fromkeys(
     ("identify", "forecast", "score", "trial-report", "design"), "ship_commands"
 )  # of commands that are not in `commands`
 
-_MACHINE = {
+_LIBRARY_ERRORS = {
     "no locator available": "The cache of compiled functions needs a writable folder, found none; set "
     "NUMBA_CACHE_DIR to one.",
     "can't start new thread": "The system cannot start a thread, perhaps for lack of memory; end other programs.",
@@ -60,14 +60,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run_command(parser(), _command, argv)
 
 
-def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Sequence[str] | None = None) -> int:
+def run_command(parser: ArgumentParser, command: Callable[..., Outcome], argv: Sequence[str] | None = None) -> int:
     """Run a command with the arguments of a parser that has ``--quiet``; errors and exit status as of :func:`main`.
 
     ``command(args, progress)`` returns an :data:`Outcome`.
     """
     try:
         _replace_unencodable()
-        args = words.parse_args(expand_patterns(sys.argv[1:] if argv is None else argv))
+        args = parser.parse_args(expand_patterns(sys.argv[1:] if argv is None else argv))
         _check_address_space()
         with _repeat_interrupts(), _plain_warnings(), _progress(args.quiet) as progress:
             outcome = command(args, progress)
@@ -90,7 +90,7 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
             return _library_error(error)
         return _fail(str(error), 3 if isinstance(error, TrialError) and error.checks else 2)
     except RuntimeError as error:
-        for reason, text in _MACHINE.items():
+        for reason, text in _LIBRARY_ERRORS.items():
             if reason in str(error):
                 return _fail(text, 2)
         raise
@@ -104,8 +104,8 @@ def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:
 
     check_joined(args)
     check_replaced(args)
-    room = import_module(f"pymc_ship.cli.{_ROOMS.get(args.command, 'commands')}")
-    return getattr(room, args.command.replace("-", "_"))(args, progress)
+    module = import_module(f"pymc_ship.cli.{_MODULES.get(args.command, 'commands')}")
+    return getattr(module, args.command.replace("-", "_"))(args, progress)
 
 
 def _replace_unencodable() -> None:
@@ -133,7 +133,7 @@ def _library_error(error: Exception) -> int:
 
 def _fail(text: str, status: int) -> int:
     """Print an error as one line; return the exit status."""
-    print(sentence(text), file=sys.stderr)
+    print(error_line(text), file=sys.stderr)
     return status
 
 
@@ -166,7 +166,7 @@ def _plain_warnings() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *args: Any, **kwargs: Any) -> None:
             if category is UserWarning:
-                print(sentence(str(message)), file=sys.stderr)
+                print(error_line(str(message)), file=sys.stderr)
             else:
                 shown(message, category, *args, **kwargs)
 

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Any, NoReturn
 
 from pymc_ship import __version__
+from pymc_ship.cli.argument_types import INSTRUMENTS, angles, draws, flow, interval, names, noise, seed
 from pymc_ship.cli.examples import EXAMPLES
-from pymc_ship.cli.words import INSTRUMENTS, angles, draws, flow, interval, names, noise, seed
 from pymc_ship.machine.names import did_you_mean
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.trial.channels import default_channels
@@ -40,7 +40,7 @@ LONGEST = 600
 _END = 200  # of them, the last part of a long text
 
 
-def sentence(text: str) -> str:
+def error_line(text: str) -> str:
     """One printable line with a full stop; a long text loses its middle, since its end has the remedy."""
     line = "".join(character if character.isprintable() else "?" for character in " ".join(text.split()))
     line = f"pymc-ship: {line.removesuffix('.')}."
@@ -68,28 +68,28 @@ class Parser(argparse.ArgumentParser):
         """Exit with status 2 and one sentence."""
         if choice := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
             message += did_you_mean(choice[1], re.findall(r"[^', ]+", choice[2]))
-        self.exit(2, f"{sentence(f'{message}; see {self.prog} --help')}\n")
+        self.exit(2, f"{error_line(f'{message}; see {self.prog} --help')}\n")
 
 
 def parser() -> Parser:
     """Parser of the whole command line."""
-    words = Parser(
+    command_line = Parser(
         prog="pymc-ship",
         description="Bayesian identification of ship manoeuvring models from trials, with forecasts of manoeuvres.",
         epilog="`pymc-ship COMMAND --help` shows the options and examples of a command.",
     )
-    words.add_argument("--version", action="version", version=f"pymc-ship {__version__}")
-    commands = words.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    command_line.add_argument("--version", action="version", version=f"pymc-ship {__version__}")
+    commands = command_line.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, (description, add_options) in _COMMANDS.items():
         settings: dict[str, Any] = {"help": description, "description": description, "epilog": EXAMPLES[name]}
         command = commands.add_parser(name, formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
         if name not in _WITHOUT_SEED:
             command.add("--seed", "seed of the random numbers, recorded in the output", 2020, type=seed)
         command.add("--quiet", "print results and errors only", False, action="store_true")
-        if name not in _CONTINUED:
+        if name not in _REPLACES_OWN_OUTPUT:
             command.add("--force", "replace an input or another result", False, action="store_true")
         add_options(command)
-    return words
+    return command_line
 
 
 def _study(command: Parser) -> None:
@@ -223,7 +223,7 @@ def _tune(command: Parser) -> None:
     command.add("--out", "JSON file of the chosen prior (not written)")
 
 
-def _add_source(command: Parser) -> None:
+def _add_ship(command: Parser) -> None:
     """Options of the ship: an identified one, or that of a posterior."""
     text = "folder that `identify` or `regress` wrote, or a joint posterior, .nc or .zarr"
     command.add("posterior", text, metavar="POSTERIOR")
@@ -232,7 +232,7 @@ def _add_source(command: Parser) -> None:
 
 
 def _forecast(command: Parser) -> None:
-    _add_source(command)
+    _add_ship(command)
     _add_manoeuvres(command, "{0.words} [deg]; repeatable", action="append", default=[])
     text = "trial to compare with the forecast of its manoeuvre; repeatable"
     command.add("--measured", text, [], action="append", metavar="TRIAL")
@@ -273,7 +273,7 @@ def _trial_report(command: Parser) -> None:
 
 
 def _design(command: Parser) -> None:
-    _add_source(command)
+    _add_ship(command)
     command.add("--n", "number of runs to choose", 2, type=int)
     command.add("--sea-room", "largest extent of the track of a run [m] (any)", type=float, metavar="M")
     command.add("--wind", "true wind [m/s, deg from the approach course] (none)", type=flow, metavar="SPEED/FROM")
@@ -312,4 +312,4 @@ _COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
 """Description of each command, and the function that adds its options."""
 
 _WITHOUT_SEED = ("check", "denoise", "montecarlo")  # commands that draw no random numbers
-_CONTINUED = ("study", "montecarlo", "report")  # commands that continue or renew an earlier result
+_REPLACES_OWN_OUTPUT = ("study", "montecarlo", "report")  # commands that continue or renew an earlier result

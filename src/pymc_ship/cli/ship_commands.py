@@ -22,12 +22,12 @@ from pymc_ship.cli.files import (
     vessel_argument,
     write_csv,
 )
-from pymc_ship.cli.parser import SHIP_PRIORS
+from pymc_ship.cli.parser import SHIP_PRIORS, SIDES
 from pymc_ship.cli.texts import (
+    compared_index_text,
     design_text,
     forecast_text,
     form_text,
-    index_text,
     score_text,
     term_set_text,
 )
@@ -45,7 +45,6 @@ from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
 from pymc_ship.trial.record import facility_of
 
-SIDES = ("port", "starboard")
 _DESIGN_DRAWS = 400  # draws of a posterior that a design simulates
 
 
@@ -84,7 +83,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         write_ship_report(identification, trials, checks, folder, **made)
     text = [
         term_set_text(identification),
-        index_text(identification.held_out_indices, "Held-out runs and their forecasts"),
+        compared_index_text(identification.held_out_indices, "Held-out runs and their forecasts"),
     ]
     text += ["\n".join(sentences) for sentences in (summary.sentences, identification.ship.remarks)]
     return "\n\n".join(filter(None, [*text, identification.quality_flags["record_remarks"]])), out / PAGE.file
@@ -135,7 +134,7 @@ def is_ship_folder(path: str) -> bool:
 
 
 @dataclass(frozen=True)
-class _Source:
+class _CommandShip:
     """The ship of a command, the vessel of its page, and default settings and sides of its forecasts.
 
     The coefficients of ``reference`` are simulated for comparison with the forecast.
@@ -152,12 +151,12 @@ _AS_FITTED = {"duration": 400.0, **AS_PUBLISHED}
 """Default settings of the forecast of a posterior."""
 
 
-def _source(args: argparse.Namespace, rng: np.random.Generator, progress: Progress, *, draws: int) -> _Source:
+def _ship_of(args: argparse.Namespace, rng: np.random.Generator, progress: Progress, *, draws: int) -> _CommandShip:
     """Ship of a folder of `identify`, or of a posterior with ``--vessel``."""
     if is_ship_folder(args.posterior):
         ship = load_ship(args.posterior)
         vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
-        return _Source(ship, vessel, None, {}, SIDES)
+        return _CommandShip(ship, vessel, None, {}, SIDES)
     if args.vessel is None:
         raise ValueError(
             f"The posterior {args.posterior} needs the particulars of its ship, found no --vessel; add --vessel."
@@ -165,7 +164,7 @@ def _source(args: argparse.Namespace, rng: np.random.Generator, progress: Progre
     vessel = model_argument(args.vessel, progress)
     posteriors = read_posteriors(Path(args.posterior), args.family, vessel)
     ship = Ship.from_posterior(vessel, posteriors, draws=draws, rng=rng)
-    return _Source(ship, vessel, vessel, _AS_FITTED, SIDES[:1])
+    return _CommandShip(ship, vessel, vessel, _AS_FITTED, SIDES[:1])
 
 
 def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | dict[str, xr.DataTree]:
@@ -203,7 +202,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
 
     drawn, rng = 300 if args.draws is None else args.draws, np.random.default_rng(args.seed)
-    source = _source(args, rng, progress, draws=drawn)
+    source = _ship_of(args, rng, progress, draws=drawn)
     ship, state = source.ship, rng.bit_generator.state
     manoeuvres = requested_manoeuvres(args, (args.side,) if args.side else source.sides)
     measured = _measured(args, ship, progress)
@@ -257,7 +256,7 @@ def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree) -
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Choose the next runs; the text has interval widths and sea room of each candidate."""
-    source = _source(args, np.random.default_rng(args.seed), progress, draws=_DESIGN_DRAWS)
+    source = _ship_of(args, np.random.default_rng(args.seed), progress, draws=_DESIGN_DRAWS)
     out, room = writable_folder(args.out), np.inf if args.sea_room is None else args.sea_room
     result = ps.design(source.ship, n=args.n, sea_room=room, wind=args.wind, progress=progress)
     with staged_files(out) as folder:
@@ -285,7 +284,7 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     scores = ps.score(ship, list(trials.values()), names=list(trials), **settings)
     rows = ps.score_indices(ship, list(trials.values()), names=list(trials), rng=args.seed)
     text = "\n\n".join(
-        filter(None, [score_text(scores), index_text(rows, "Indices of recorded manoeuvres", scored=True)])
+        filter(None, [score_text(scores), compared_index_text(rows, "Indices of recorded manoeuvres", scored=True)])
     )
     if out is None:
         return text, None

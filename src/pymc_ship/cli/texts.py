@@ -94,7 +94,7 @@ def tuning_text(tuned: TunedPrior) -> str:
     subjects = {"prior": "The chosen prior", "evidence": "The evidence maximum"}
     edges = "".join(f"\n{bound_text(subjects[name], at)}." for name, at in tuned.edges.items())
     return (
-        f"{table(('prior', 'shape', 'scale', 'kappa', 'score'), rows, 'Priors and scores')}\n\n"
+        f"{table_text(('prior', 'shape', 'scale', 'kappa', 'score'), rows, 'Priors and scores')}\n\n"
         f"Score, the log predictive density per held-out row: {tuned.score:.4f} ± {tuned.score_se:.4f}.\n"
         f"Log evidence at its maximum: {tuned.log_evidence:.2f}.\n"
         f"Bayesian optimisation: {tuned.score - tuned.evidence_score:+.4f} in the score over the evidence maximum."
@@ -102,7 +102,7 @@ def tuning_text(tuned: TunedPrior) -> str:
     )
 
 
-def coefficient_table(rows: Sequence[CoefficientRow], families: Sequence[str]) -> str:
+def coefficient_text(rows: Sequence[CoefficientRow], families: Sequence[str]) -> str:
     """One line for each coefficient, with columns for each family."""
     lines: dict[tuple, list] = {}
     for row in rows:
@@ -110,7 +110,7 @@ def coefficient_table(rows: Sequence[CoefficientRow], families: Sequence[str]) -
         line += [1e5 * value for value in (row.mean, row.sd, row.quantile_5, row.quantile_95)]
     columns = [column for family in families for column in (f"{family} mean", "sd", "5 %", "95 %")]
     caption = "Coefficients, prime values times 1e5"
-    return table(("name", "dof", "reference", *columns), [(*key, *line) for key, line in lines.items()], caption)
+    return table_text(("name", "dof", "reference", *columns), [(*key, *line) for key, line in lines.items()], caption)
 
 
 def check_rows(checks: Iterable[Check]) -> list[tuple[str, str, str]]:
@@ -129,20 +129,20 @@ def check_text(checks: Iterable[Check]) -> str:
     return "\n".join(f"{name:{width}}  {verdict:11}  {sentence}" for name, verdict, sentence in rows)
 
 
-def index_table(indices: xr.Dataset, columns: Mapping[str, Mapping[Any, Any]]) -> str:
+def index_text(indices: xr.Dataset, columns: Mapping[str, Mapping[Any, Any]]) -> str:
     """One line for each index, one column for each data set."""
     rows = [
         (str(name).replace("_", " "), *(float(values[name]) for values in columns.values()), index.attrs["units"])
         for name, index in indices.data_vars.items()
     ]
-    return table(("index", *columns, "unit"), rows)
+    return table_text(("index", *columns, "unit"), rows)
 
 
-def criteria_table(criteria: list[dict]) -> str:
+def criteria_text(criteria: list[dict]) -> str:
     """One line for each IMO criterion; empty if none applies."""
     words = {True: "pass", False: "fail", None: "not reached"}
     rows = [(c["criterion"], c["value"], c["limit"], c["units"], words[c["passed"]]) for c in criteria]
-    return table(("IMO MSC.137(76)", "value", "limit", "unit", "verdict"), rows) if rows else ""
+    return table_text(("IMO MSC.137(76)", "value", "limit", "unit", "verdict"), rows) if rows else ""
 
 
 def design_text(result: xr.Dataset) -> str:
@@ -153,8 +153,9 @@ def design_text(result: xr.Dataset) -> str:
     rows = zip(result["candidate"].values, *columns, result["sea_room"].values, strict=True)
     caption = "Half width of the 95 % intervals"
     widths = zip(result["target"].values, *result["half_width"].values, result["units"].values, strict=True)
-    chosen = table(("index", "now", *(f"after {label}" for label in result["chosen"].values), "unit"), widths, caption)
-    ratios = table(header, rows, "Interval widths after each run over those of today")
+    after = (f"after {label}" for label in result["chosen"].values)
+    chosen = table_text(("index", "now", *after, "unit"), widths, caption)
+    ratios = table_text(header, rows, "Interval widths after each run over those of today")
     return "\n\n".join(filter(None, [ratios, chosen, sentence_without_gain(result)]))
 
 
@@ -162,7 +163,7 @@ def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str], most: i
     """Main table of a Monte-Carlo study; a sentence if it is empty."""
     if not rows:
         return "The study has no results; the page shows the reasons."
-    lines = table(list(columns.values()), [[row[key] for key in columns] for row in rows[:most]])
+    lines = table_text(list(columns.values()), [[row[key] for key in columns] for row in rows[:most]])
     return lines + (f"\n... and {len(rows) - most} more rows" if len(rows) > most else "")
 
 
@@ -171,7 +172,7 @@ def forecast_text(tree: xr.DataTree, columns: Mapping[str, Mapping[Any, Any]]) -
     lines = [f"{tree.attrs['label']}: {draws_and_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]
     if "index_bands" in tree.children:
         bands = tree["index_bands"].to_dataset()
-        lines.append(index_table(bands, {**columns, **{band: bands.sel(band=band) for band in BANDS}}))
+        lines.append(index_text(bands, {**columns, **{band: bands.sel(band=band) for band in BANDS}}))
     lines += [] if has_roll(tree) else [NO_ROLL]
     return "\n".join([*lines, tree.attrs["extrapolation"]])
 
@@ -188,7 +189,7 @@ def term_set_text(identification: ShipIdentification) -> str:
         for c in identification.candidates
     ]
     errors = (f"rms {name} [{_unit(name)}]" for name in channels)
-    return table(("term set", "weight", "elpd", *errors, "diverged"), rows, "Term sets, on held-out runs")
+    return table_text(("term set", "weight", "elpd", *errors, "diverged"), rows, "Term sets, on held-out runs")
 
 
 def score_text(scores: xr.Dataset) -> str:
@@ -207,7 +208,7 @@ def score_text(scores: xr.Dataset) -> str:
     channels = [row | {"unit": _unit(row["channel"])} for row in channels]
     captions = ("Errors of each channel; relative, coverage: 1 is 100 %", "Score of each run")
     tables = [
-        table([key.replace("_", " ") for key in rows[0]], [[*row.values()] for row in rows], caption)
+        table_text([key.replace("_", " ") for key in rows[0]], [[*row.values()] for row in rows], caption)
         for rows, caption in zip((channels, runs), captions, strict=True)
     ]
     return "\n\n".join([*tables, summary])
@@ -218,7 +219,7 @@ def _unit(channel: str) -> str:
     return CHANNELS[channel].unit.name if channel in CHANNELS else "m"
 
 
-def index_text(indices: xr.Dataset, caption: str, *, scored: bool = False) -> str:
+def compared_index_text(indices: xr.Dataset, caption: str, *, scored: bool = False) -> str:
     """Measured indices and their forecasts, with their errors if ``scored``; empty without runs."""
     if not indices.sizes["run"]:
         return ""
@@ -230,16 +231,16 @@ def index_text(indices: xr.Dataset, caption: str, *, scored: bool = False) -> st
     heads |= {"error": "error"} if scored else {}
     heads |= {"sd": "± sd", "unit": "unit"} | ({"inside": "inside 95 %"} if scored else {})
     rows = [row | {"unit": units[row["index"]]} for row in index_errors(indices)]
-    return table(list(heads.values()), [[row[key] for key in heads] for row in rows], caption)
+    return table_text(list(heads.values()), [[row[key] for key in heads] for row in rows], caption)
 
 
 def form_text(form: Sequence[Mapping]) -> str:
     """Manoeuvring data of a sea trial."""
     keys = ("item", "port", "starboard", "criterion", "conformity")
-    return table(keys, [[row[key] for key in keys] for row in form], "Manoeuvring data, IMO MSC/Circ.1053")
+    return table_text(keys, [[row[key] for key in keys] for row in form], "Manoeuvring data, IMO MSC/Circ.1053")
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence], caption: str = "") -> str:
+def table_text(header: Sequence[str], rows: Iterable[Sequence], caption: str = "") -> str:
     """Caption and columns of text, the first column aligned left and the others right."""
     cells = [list(header), *([_cell(value) for value in row] for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(header))]

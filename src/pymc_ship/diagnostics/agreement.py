@@ -164,7 +164,7 @@ def _verdict_text(one: xr.Dataset) -> str:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Posterior by one method or several (``trees`` by method): the first is reported, the exact one where given.
+    """One posterior by one or more methods, ``trees`` by method; the first is reported (the exact one, if given).
 
     ``agreement`` of the other methods with it is from :func:`agreement`.
     """

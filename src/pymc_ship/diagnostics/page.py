@@ -109,7 +109,7 @@ def diagnostic_content(
     progress: Callable[[str], None],
     back: str = "",
 ) -> Content:
-    """Content of the page, a section a comparison; ``back`` is the page it belongs to."""
+    """Content of the page, one section for each comparison; ``back`` is the page it belongs to."""
     images: dict[str, str] = {}
     sections = []
     for k, one in enumerate(compared):

@@ -86,7 +86,7 @@ def _outside(tree: xr.DataTree) -> str:
 def opening_sentences(
     result: ShipIdentification, verdicts: Sequence[Mapping], forecasts: Mapping[str, xr.DataTree]
 ) -> list[str]:
-    """Sentences for a master: turn, overshoots, IMO criteria and stop; empty without forecasts.
+    """Sentences for the ship's master: turn, overshoots, IMO criteria and stop; empty without forecasts.
 
     ``verdicts`` are rows of :func:`.verdict_rows` of the ``forecasts``.
     """
