@@ -27,8 +27,8 @@ def interval_summary() -> str:
     hold = {name: [float(line[name]) for line in rows] for name in ("coverage", "coverage_half")}
     worst = {name: min(rows, key=lambda line: float(line[name])) for name in hold}
     parts = [
-        f"{level} % intervals hold {sum(hold[name]) / len(rows):.1f} % on average, and {min(hold[name]):.0f} % "
-        f"in the worst cell ({worst[name]['ship']}, {worst[name]['manoeuvre'].removesuffix(' port')}, noise "
+        f"intervals of {level} % cover {sum(hold[name]) / len(rows):.1f} %, at worst {min(hold[name]):.0f} % "
+        f"({worst[name]['ship']}, {worst[name]['manoeuvre'].removesuffix(' port')}, noise "
         f"{100 * float(worst[name]['level']):g} %)"
         for name, level in (("coverage", 90), ("coverage_half", 50))
     ]

@@ -27,7 +27,7 @@ from pymc_ship.trial.channels import CHANNELS, unmodelled_roll_text
 from pymc_ship.trial.record import nonzero_channels
 
 PAGE = ".html"  # suffix of --out for the page instead of the corrected trial
-_COLUMNS = ("heading", "channel", "unit", "channel by", "unit by")
+_COLUMNS = ("column", "channel", "unit", "channel from", "unit from")
 _INDICES = ("index", "measured", "unit", "IMO MSC.137(76)", "verdict")
 
 

@@ -241,13 +241,13 @@ def _forecast(command: Parser) -> None:
     command.add("--spiral", "forecast steady turns and course stability", False, action="store_true")
     text = "forecast a stopping test with these astern revolutions [1/s] (none)"
     command.add("--stop", text, type=float, metavar="RPS")
-    command.add("--draws", "largest number of simulated draws (1000, for a posterior 300)", type=int)
-    command.add("--duration", "duration [s] (40 L/U, for a posterior 400)", type=float)
+    command.add("--draws", "largest number of simulated draws", 1000, type=int)
+    command.add("--duration", "duration [s] (40 L/U, pull-out 60)", type=float)
     command.add("--n", "propeller revolutions [1/s] (those of the approach)", type=float)
     command.add("--wind", "true wind [m/s, deg, from] (none)", type=flow, metavar="SPEED/FROM")
     command.add("--current", "current [m/s, deg, to] (none)", type=flow, metavar="SPEED/TO")
     command.add("--facility", "facility of the steering gear and approach speed (that of most runs)", metavar="NAME")
-    command.add("--side", "first side (both, for a posterior port)", choices=SIDES)
+    command.add("--side", "first side (both)", choices=SIDES)
     command.add("--out", "folder of the page (folder of the posterior)")
 
 

@@ -42,7 +42,6 @@ from pymc_ship.records.files.format import load_format
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.ships.ensemble.files import FOLDER, load_ship, save_ship
 from pymc_ship.ships.ensemble.ship import Ship
-from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
 from pymc_ship.trial.record import facility_of
 
 _DESIGN_DRAWS = 400  # draws of a posterior that a design simulates
@@ -135,20 +134,11 @@ def is_ship_folder(path: str) -> bool:
 
 @dataclass(frozen=True)
 class _CommandShip:
-    """The ship of a command, the vessel of its page, and default settings and sides of its forecasts.
-
-    The coefficients of ``reference`` are simulated for comparison with the forecast.
-    """
+    """The ship of a command, and the vessel of its page; ``reference`` is simulated for comparison with forecasts."""
 
     ship: Ship
     vessel: Vessel
     reference: Vessel | None
-    settings: Mapping[str, float | str]
-    sides: tuple[str, ...]
-
-
-_AS_FITTED = {"duration": 400.0, **AS_PUBLISHED}
-"""Default settings of the forecast of a posterior."""
 
 
 def _ship_of(args: argparse.Namespace, rng: np.random.Generator, progress: Progress, *, draws: int) -> _CommandShip:
@@ -156,7 +146,7 @@ def _ship_of(args: argparse.Namespace, rng: np.random.Generator, progress: Progr
     if is_ship_folder(args.posterior):
         ship = load_ship(args.posterior)
         vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
-        return _CommandShip(ship, vessel, None, {}, SIDES)
+        return _CommandShip(ship, vessel, None)
     if args.vessel is None:
         raise ValueError(
             f"The posterior {args.posterior} needs the particulars of its ship, found no --vessel; add --vessel."
@@ -164,7 +154,7 @@ def _ship_of(args: argparse.Namespace, rng: np.random.Generator, progress: Progr
     vessel = model_argument(args.vessel, progress)
     posteriors = read_posteriors(Path(args.posterior), args.family, vessel)
     ship = Ship.from_posterior(vessel, posteriors, draws=draws, rng=rng)
-    return _CommandShip(ship, vessel, vessel, _AS_FITTED, SIDES[:1])
+    return _CommandShip(ship, vessel, vessel)
 
 
 def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | dict[str, xr.DataTree]:
@@ -201,10 +191,10 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ships.forecasting.steady_turns import spiral_sentence, steady_turns
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
 
-    drawn, rng = 300 if args.draws is None else args.draws, np.random.default_rng(args.seed)
-    source = _ship_of(args, rng, progress, draws=drawn)
+    rng = np.random.default_rng(args.seed)
+    source = _ship_of(args, rng, progress, draws=args.draws)
     ship, state = source.ship, rng.bit_generator.state
-    manoeuvres = requested_manoeuvres(args, (args.side,) if args.side else source.sides)
+    manoeuvres = requested_manoeuvres(args, (args.side,) if args.side else SIDES)
     measured = _measured(args, ship, progress)
     known = {manoeuvre.label for manoeuvre, _ in measured.values()}
     wanted = {manoeuvre.label: manoeuvre for manoeuvre in manoeuvres if manoeuvre.label not in known}
@@ -220,12 +210,10 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     trees, text = {}, []
     for label, manoeuvre in wanted.items():
         progress(f"forecasting the {label}")
-        settings: dict[str, Any] = {"draws": 1000 if args.draws is None else args.draws, **source.settings}
-        settings |= {} if args.duration is None else {"duration": args.duration}
-        settings |= {"n": args.n, "wind": args.wind, "current": args.current}
+        settings = {"duration": args.duration, "n": args.n, "wind": args.wind, "current": args.current}
         settings["facility"] = args.facility or _facility(ship, measured.get(label))
         rng.bit_generator.state = state  # the same random numbers for every manoeuvre
-        trees[label] = ps.forecast(ship, manoeuvre, rng=rng, **settings)
+        trees[label] = ps.forecast(ship, manoeuvre, draws=args.draws, rng=rng, **settings)
         reference = _reference(manoeuvre, source.reference, trees[label])
         text.append(_text(trees[label], label, measured, ship.vessel, reference))
     text += [spiral_sentence(turns)] if turns is not None else []
@@ -342,7 +330,7 @@ def _text(
 ) -> str:
     """Bands of the indices, measured and reference values, and the probability of each IMO criterion."""
     from pymc_ship.records.steering.measured import measured_indices
-    from pymc_ship.ships.forecasting.page import refused_sentence, verdict_rows
+    from pymc_ship.ships.forecasting.page import refused_sentence, unreached_sentence, verdict_rows
 
     columns: dict[str, Mapping[Any, Any]] = (
         {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
@@ -353,6 +341,7 @@ def _text(
         forecast_text(tree, columns),
         tree.attrs["steering"],
         refused_sentence(tree),
+        unreached_sentence(tree),
         *(f"IMO MSC.137(76): {row['verdict']}" for row in verdicts),
         tree.attrs.get("reliability", "") if verdicts else "",
     ]

@@ -16,8 +16,8 @@ ZIGZAG = {"manoeuvre": "zigzag", "rudder_deg": 10.0, "heading_deg": 10.0, "appro
 CIRCLE = {"manoeuvre": "turning_circle", "rudder_deg": 35.0, "heading_deg": 0.0, "approach_speed": 12.7}
 
 
-def forecast_of(attrs, diverged=None, **values):
-    """Forecast with these indices of its draws."""
+def forecast_of(attrs, diverged=None, duration=1000.0, **values):
+    """Forecast with these indices of its draws; 40 L/U of the container ship are 726 s."""
     n = len(next(iter(values.values())))
     table = {
         name: ("draw", np.array(column, dtype=float), {"units": UNITS.get(name, "deg")})
@@ -25,6 +25,7 @@ def forecast_of(attrs, diverged=None, **values):
     }
     index_draws = xr.Dataset(table, {"draw": np.arange(n)}, attrs)
     ships = xr.Dataset({"diverged": ("draw", np.zeros(n, dtype=bool) if diverged is None else np.array(diverged))})
+    ships = ships.assign_coords(time=[0.0, duration])
     groups = {"trajectories": ships, "indices": index_draws, "index_bands": quantile_bands(index_draws, 0.9)}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs | {"ci_prob": 0.9}), **groups})
 
@@ -99,6 +100,23 @@ def test_an_event_that_no_ship_reaches_is_said(container):
     advance, _ = ps.imo_probabilities(forecast_of(CIRCLE, advance=nowhere, tactical_diameter=nowhere), container)
     assert (advance["probability"], advance["not_reached"], advance["conformity"]) == (0.0, 1.0, "fails")
     assert advance["verdict"] == "advance: no draw of the forecast reaches it, which does not count as passing."
+
+
+def test_a_forecast_that_ends_before_the_event_does_not_fail_the_ship(container):
+    """One draw of four reaches the event; the others may keep the limit later, but for the one that diverges."""
+    values, diverged = np.array([4.0, np.nan, np.nan, np.nan]) * LENGTH, [False, False, False, True]
+    short = forecast_of(CIRCLE, diverged, duration=300.0, advance=values, tactical_diameter=np.full(4, np.nan))
+    advance, diameter = ps.imo_probabilities(short, container)
+    assert (advance["probability"], advance["unfinished"], advance["conformity"]) == (0.25, 0.5, "open")
+    assert (diameter["probability"], diameter["unfinished"], diameter["conformity"]) == (0.0, 0.75, "open")
+    assert "with probability at least 0.25 (75 % of the draws diverge or do not reach it within 300 s, fore" in (
+        advance["verdict"]
+    )
+    assert diameter["verdict"] == (
+        "tactical diameter: no draw of the forecast reaches it within 300 s, forecast for 726.5 s."
+    )
+    whole = forecast_of(CIRCLE, diverged, advance=values, tactical_diameter=np.full(4, np.nan))
+    assert [row["conformity"] for row in ps.imo_probabilities(whole, container)] == ["open", "fails"]
 
 
 def test_limits_are_those_of_the_criteria_of_a_trial(container):

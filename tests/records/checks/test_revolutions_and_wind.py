@@ -161,5 +161,5 @@ def test_an_unsteady_wind_is_not_called_steadier_than_its_readings(tanker, circl
     varied = directed(trial, lambda angle: angle + 1.5 * np.sin(trial["time"].values / 60.0))
     check = checks_by_name(varied, tanker)["wind"]
     assert check.verdict == "good"
-    assert "no other reading of it by less than a quarter" in check.sentence
+    assert "no other interpretation of the columns has less" in check.sentence
     assert check.value("ratio under the best reading") == 1.0

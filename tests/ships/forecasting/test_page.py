@@ -17,7 +17,14 @@ import pymc_ship as ps
 from pymc_ship.machine.errors import OutputError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.ships.forecasting import page as forecast_report
-from pymc_ship.ships.forecasting.page import index_rows, index_table, verdict_rows, verdict_table, write_forecast_page
+from pymc_ship.ships.forecasting.page import (
+    index_rows,
+    index_table,
+    unreached_sentence,
+    verdict_rows,
+    verdict_table,
+    write_forecast_page,
+)
 from tests.inference.trajectory.cases import unmodelled_roll_text
 from tests.sentences import refused
 from tests.ships.ensemble.cases import ship_of
@@ -84,6 +91,19 @@ def cells(text):
     """Rows of every table of a page, a list of cells each."""
     rows = re.findall(r"<tr>(.*?)</tr>", text, re.S)
     return [[unescape(cell) for cell in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.S)] for row in rows]
+
+
+def test_a_sentence_names_the_indices_that_not_all_draws_reach():
+    """Of a forecast of 80 s; a rudder programme has no indices."""
+    short = forecast(vessel(), ps.turning_circle(35.0), 80.0)
+    sentence = unreached_sentence(short)
+    assert sentence.startswith("Within 79.5 s no draw reaches: advance, transfer, tactical diameter, time to 90, ")
+    assert "maximum roll angle" not in sentence
+    short["indices"]["advance"][0] = 700.0
+    assert "Within 79.5 s not every draw reaches, and the interval is of those that do: advance (" in (
+        unreached_sentence(short)
+    )
+    assert unreached_sentence(steps()) == ""
 
 
 def test_the_verdict_of_every_manoeuvre_heads_the_page(page):

@@ -87,8 +87,8 @@ class ShipDimensions(NamedTuple):
 class Parameter:
     """A parameter of a part with its prior.
 
-    ``unit`` is "prime" or the unit of the number. ``per_run``: every run has its own value; ``per_facility``: each
-    facility may have its own (revolutions, wake, asymmetry of propeller and rudder).
+    ``unit`` is "prime", the unit, or what a number without unit is. ``per_run``: every run has its own value;
+    ``per_facility``: each facility may have its own (revolutions, wake, asymmetry of propeller and rudder).
     """
 
     name: str

@@ -22,17 +22,19 @@ def _parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
         how, sd = f"{how} of an area by the rule of Det Norske Veritas", 0.25 * slope
     kijima = "Kijima et al. (1990)"
     return (
-        Parameter("f_alpha", slope, sd, how, "slope of the normal force"),
-        Parameter("f2", *CONVEXITY, "stall delayed in the race, by judgement", "convexity"),
-        Parameter("epsilon", 1.05, 0.15, MMG, "wake of the rudder"),
-        Parameter("kappa", ship.kappa, 0.08 if ship.propeller_known else 0.12, MMG, "growth of the race"),
+        Parameter("f_alpha", slope, sd, how, "lift slope of the rudder"),
+        Parameter("f2", *CONVEXITY, "stall delayed in the slipstream, by judgement", "convexity"),
+        Parameter("epsilon", 1.05, 0.15, MMG, "ratio of wake fractions, rudder to propeller"),
+        Parameter(
+            "kappa", ship.kappa, 0.08 if ship.propeller_known else 0.12, MMG, "slipstream acceleration at the rudder"
+        ),
         Parameter("gamma_R", 0.44, 0.13, f"{MMG}, 0.40 and 0.64", "flow straightening"),
         Parameter(
             "dgamma_R", 0.0, 0.1, "half the difference between the sides", "flow straightening", per_facility=True
         ),
         Parameter("l_R", -0.9, 0.2, f"{MMG}, -0.71; twice the position of the rudder, {kijima}", "L"),
-        Parameter("t_R", 0.45 - 0.28 * ship.block, 0.12, kijima, "steering resistance"),
-        Parameter("a_H", 0.4, 0.2, f"{MMG}, 0.31; {kijima}", "rudder force on the hull"),
+        Parameter("t_R", 0.45 - 0.28 * ship.block, 0.12, kijima, "steering resistance deduction"),
+        Parameter("a_H", 0.4, 0.2, f"{MMG}, 0.31; {kijima}", "rudder force increase factor"),
         Parameter("x_H", -0.44, 0.06, f"{MMG}, -0.464; {kijima}", "L"),
     )
 

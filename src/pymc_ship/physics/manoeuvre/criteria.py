@@ -13,6 +13,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 
 CONFORMANCE_PROBABILITY = 0.95  # probability from which a forecast states conformity; below 1 minus it, non-conformity
+_SHORTER = 0.99  # of the duration of its kind: a forecast of less may end before an event
 
 
 def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, Any]]:
@@ -30,29 +31,38 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     list of dict
         ``criterion``, ``limit``, ``units`` (deg or L), ``median``, ``lower``, ``upper``, ``probability``,
         ``standard_error`` (binomial), ``not_reached`` (fraction of draws that diverge or do not reach the event, which
-        counts as not passing), ``conformity`` (passes, open or fails) and ``verdict``, one sentence.
+        counts as not passing), ``unfinished`` (fraction of draws that a forecast shorter than those of its kind ends
+        before the event), ``conformity`` (passes, open or fails) and ``verdict``, one sentence. With unfinished draws
+        ``probability`` is the least one.
     """
     vessel = as_vessel(vessel)
     if "indices" not in tree.children:
         return []
     index_draws, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
     running = ~tree["trajectories"].to_dataset()["diverged"].values
+    duration = float(tree["trajectories"]["time"].values[-1])
+    needed = kind_named(index_draws.attrs["manoeuvre"]).reach * vessel.particulars.ship_time
     cap = tree.attrs.get("calibration_cap", 1.0)
     rows = []
     for name, limit, unit, units in imo_limits(index_draws.attrs, vessel):
         values = index_draws[name].values / unit
         reached = running & np.isfinite(values)
         probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - cap, cap))
-        passes, fails = probability >= CONFORMANCE_PROBABILITY, probability <= 1.0 - CONFORMANCE_PROBABILITY
+        unfinished = float(np.mean(running & ~reached)) if duration < _SHORTER * needed else 0.0
+        passes, fails = (
+            probability >= CONFORMANCE_PROBABILITY,
+            probability + unfinished <= 1.0 - CONFORMANCE_PROBABILITY,
+        )
         row = {"criterion": name.replace("_", " "), "limit": limit, "units": units}
         row |= {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}
         row |= {
             "probability": probability,
             "standard_error": float(np.sqrt(probability * (1.0 - probability) / values.size)),
             "not_reached": float(np.mean(~reached)),
+            "unfinished": unfinished,
             "conformity": "passes" if passes else "fails" if fails else "open",
         }
-        rows.append(row | {"verdict": _sentence(row)})
+        rows.append(row | {"verdict": _sentence(row, duration, needed)})
     return rows
 
 
@@ -63,17 +73,21 @@ def probability_text(probability: float) -> str:
     return "more than 0.99" if probability > 0.995 else f"{probability:.2f}"
 
 
-def _sentence(row: dict[str, Any]) -> str:
-    """Verdict in words, with one decimal for angles and two for ship lengths."""
+def _sentence(row: dict[str, Any], duration: float, needed: float) -> str:
+    """Verdict in words, with one decimal for angles and two for ship lengths; ``duration`` and that ``needed`` [s]."""
     decimals = 1 if row["units"] == "deg" else 2
     median, lower, upper, limit = (f"{row[key]:.{decimals}f}" for key in ("median", "lower", "upper", "limit"))
+    within, uncounted = "", "which does not count as passing"
+    if row["unfinished"]:
+        within, uncounted = f" within {duration:.4g} s", f"forecast for {needed:.4g} s"
     if not np.isfinite(row["median"]):
-        return f"{row['criterion']}: no draw of the forecast reaches it, which does not count as passing."
+        return f"{row['criterion']}: no draw of the forecast reaches it{within}, {uncounted}."
     fraction = f"{float(format(100.0 * row['not_reached'], '.2g')):g} %"
-    lacking = f" ({fraction} of the draws diverge or do not reach it, which does not count as passing)"
+    lacking = f" ({fraction} of the draws diverge or do not reach it{within}, {uncounted})"
     return (
         f"{row['criterion']} {median} {row['units']} ({lower} to {upper}): passes the limit of {limit} {row['units']} "
-        f"with probability {probability_text(row['probability'])}{lacking if row['not_reached'] else ''}."
+        f"with probability {'at least ' if within else ''}{probability_text(row['probability'])}"
+        f"{lacking if row['not_reached'] else ''}."
     )
 
 

@@ -47,7 +47,7 @@ def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         if abs(change) > max(STEADY, SIGNIFICANT * error):
             faults.append(f"the speed changes by {change:+.1%} in L/U")
     if faults:
-        text = f"On the approach {', '.join(faults)}; indices count from a straight course, a fit may start there."
+        text = f"On the approach {', '.join(faults)}; indices need a straight approach, a fit does not."
         return Check("approach", "doubtful", text, tuple(numbers))
     return Check("approach", "good", f"Straight and steady for {(n - 1) * interval:.3g} s.", tuple(numbers))
 

@@ -102,7 +102,7 @@ def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = N
     numbers += (("lag over L/U", fits["earth"][0] / scale.time, ""),)
     if known:
         numbers += ((f"lag of all runs, {known.kind}", known.seconds, "s"),)
-        text = f"The velocities of all runs lag the track by {known.seconds:.2g} s, {READINGS[known.kind]}; move them."
+        text = f"The velocities of all runs lag the track by {known.seconds:.2g} s, {READINGS[known.kind]}; shift them."
         return Check(NAME, "doubtful", text, numbers, mendable=True)
     kind = min(fits, key=lambda name: fits[name][2])
     seconds, error, misfit = fits[kind]
@@ -112,7 +112,7 @@ def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = N
         return Check(NAME, "good", text, numbers)
     text = (
         f"The velocities lag the track by {seconds:.2g} s, {READINGS[kind]}: the misfit is {misfit:.2g} m, "
-        f"with a lever arm {arm_misfit:.2g} m; move them."
+        f"with a lever arm {arm_misfit:.2g} m; shift them."
     )
     return Check(NAME, "doubtful", text, numbers, mendable=True)
 

@@ -65,12 +65,12 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if samples < SAMPLES_DOUBTFUL:
         return Check("sampling", "doubtful", f"{text} That is few; use the trajectory fit, or sample faster.", numbers)
     if (repeats := _repeats(trial)) > REPEATED:
-        text = f"Each reading stands {repeats:.2g} times in a row: thin the record to one every "
+        text = f"Each reading is repeated {repeats:.2g} times: thin the record to one every "
         text += f"{repeats * interval:.3g} s, else intervals are too narrow."
         return Check("sampling", "doubtful", text, numbers)
     if travel > RUDDER_STEP and rate * scale.time > FASTEST_GEAR:
         text = f"The rudder moves by {travel:.0%} of its range between samples, {rate:.3g} deg/s: that is an ordered "
-        text += "angle, or a gear far quicker than the ship; a fit takes it for the angle itself."
+        text += "angle, or a gear far quicker than the ship; a fit would use it as the angle."
         return Check("sampling", "doubtful", text, numbers)
     if travel > RUDDER_STEP:
         text = f"The rudder moves by {travel:.0%} of its range between samples; sample faster."

@@ -78,10 +78,8 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     ratio = unsteady[best] / max(unsteady[()], np.finfo(float).tiny)
     numbers = (("variance of the wind", unsteady[()], "m2/s2"), ("ratio under the best reading", ratio, ""))
     if not best:
-        text = (
-            f"The wind as given varies by {unsteady[()]:.2g} m2/s2, no other reading of it by less than a quarter of "
-        )
-        text += "that. A true wind in knots, with the direction it blows to or anticlockwise, would be as steady."
+        text = f"The variance of the wind as given is {unsteady[()]:.2g} m2/s2; no other interpretation of the columns "
+        text += "has less than a quarter of it. Knots, the opposite direction and anticlockwise angles cannot be excluded."
         return Check(name, "good", text, numbers)
     remedy = 'state wind = "relative" in the format' if best == (_RELATIVE,) else "correct the columns"
     sentence = f"Probably {', and '.join(best)}: the wind then keeps {100.0 * ratio:.2g} % of its variance; {remedy}."

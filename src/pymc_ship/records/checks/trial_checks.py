@@ -144,7 +144,7 @@ def _closure_checks(
     trial = _apply_corrections(trial, [late])
     lever = track.lever_check(trial, scale)
     if lever.mendable and explains_better(late, scale):
-        reason = "a lag of the velocities explains the track better, but takes more runs to tell; give them together"
+        reason = "a lag of the velocities explains the track better, but one run cannot confirm it; check several"
         lever = not_checked(lever.name, reason)
     trial = _apply_corrections(trial, [lever])
     return trial, [*checks, *axes, late, lever, track.drift_check(trial, scale)]

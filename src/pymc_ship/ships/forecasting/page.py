@@ -14,6 +14,7 @@ from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed_point, heads, number, percent, rounded_percent, table
 from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY, imo_probabilities, probability_text
+from pymc_ship.physics.manoeuvre.indices import needs_roll
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -252,6 +253,20 @@ def refused_sentence(tree: xr.DataTree) -> str:
     fraction = tree.attrs["share_refused"]
     label = tree.attrs["label"]
     return f"{rounded_percent(fraction)} of the draws diverge in the {label} and are left out." if fraction else ""
+
+
+def unreached_sentence(tree: xr.DataTree) -> str:
+    """Sentence on the indices that some or all of the draws do not reach; empty where all draws reach all."""
+    if "indices" not in tree.children:
+        return ""
+    draws, kinds = tree["indices"].dataset, kind_named(tree["indices"].attrs["manoeuvre"]).indices
+    fractions = {name: float(np.isfinite(draws[name]).mean()) for name in draws if not needs_roll(kinds[str(name)])}
+    words = {name: str(name).replace("_", " ") for name in fractions}
+    none = [words[name] for name, fraction in fractions.items() if fraction == 0.0]
+    some = [f"{words[name]} ({rounded_percent(f)} of the draws)" for name, f in fractions.items() if 0.0 < f < 1.0]
+    within = f"Within {tree['trajectories']['time'].values[-1]:.4g} s"
+    sentences = [f"{within} not every draw reaches, and the interval is of those that do: {', '.join(some)}."]
+    return " ".join([*sentences[: len(some)], *([f"{within} no draw reaches: {', '.join(none)}."] if none else [])])
 
 
 def verdict_rows(name: str, tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:

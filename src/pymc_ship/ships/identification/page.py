@@ -82,7 +82,7 @@ _LEFT_OUT = " terms were left out: "
 REFUSED = Page(
     "refused.html",
     PAGE.template,
-    own=("figures/runaways.png", "tables/refusals.csv", "tables/doubts.csv"),
+    own=("figures/diverging_motion.png", "tables/refusals.csv", "tables/doubts.csv"),
     packages=PAGE.packages,
 )
 """The page of an identification without a term set."""
