@@ -109,8 +109,9 @@ def test_a_forecast_that_ends_before_the_event_does_not_fail_the_ship(container)
     advance, diameter = ps.imo_probabilities(short, container)
     assert (advance["probability"], advance["unfinished"], advance["conformity"]) == (0.25, 0.5, "open")
     assert (diameter["probability"], diameter["unfinished"], diameter["conformity"]) == (0.0, 0.75, "open")
-    assert "with probability at least 0.25 (75 % of the draws diverge or do not reach it within 300 s, fore" in (
-        advance["verdict"]
+    assert (
+        "with probability at least 0.25 (75 % of the draws diverge or do not reach it within 300 s, fore"
+        in (advance["verdict"])
     )
     assert diameter["verdict"] == (
         "tactical diameter: no draw of the forecast reaches it within 300 s, forecast for 726.5 s."

@@ -122,7 +122,7 @@ def from_rest(trial, seconds):
     """Record whose ship gathers way over its first seconds, with the drift of a ship at rest in a breeze."""
     time = trial["time"].values
     way = np.clip(time / seconds, 0.0, 1.0)
-    return changed(trial, u=way * trial["u"].values, v=np.where(way < 1.0, 0.1 * (1.0 - way), trial["v"].values))
+    return changed(trial, u=way * trial["u"].values, v=way * trial["v"].values + 0.1 * (1.0 - way))
 
 
 def test_a_record_from_rest_is_cut_to_the_piece_that_models_hold(container):

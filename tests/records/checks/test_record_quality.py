@@ -43,7 +43,7 @@ def test_readings_that_stand_several_times_are_counted(zigzag, container, times)
     held = noisy(zigzag).isel(time=np.arange(zigzag.sizes["time"]) // times * times)
     check = checks_by_name(held.assign_coords(time=zigzag["time"]), container)["sampling"]
     assert check.verdict == "doubtful"
-    assert f"Each reading stands {times} times in a row" in check.sentence
+    assert f"Each reading is repeated {times} times" in check.sentence
     one_slow = noisy(zigzag).assign(x=held["x"].variable, y=held["y"].variable)
     assert checks_by_name(one_slow, container)["sampling"].verdict == "good"
 
@@ -126,6 +126,74 @@ def test_white_noise_steps_and_corners_have_no_spikes(zigzag):
     assert spikes(np.zeros(100)).size == 0
 
 
+def faults_of_a_sensor(zigzag):
+    """Records with a jump, by the channel that jumps."""
+    turned = 900 + int(np.argmax(np.abs(zigzag["v"].values[900:1300])))
+    half, part = np.arange(zigzag.sizes["time"]) > turned, slice(turned, turned + 60)
+    return {
+        "u": changed(zigzag, u=zigzag["u"].values * np.where(half, 1.944, 1.0)).drop_vars(["x", "y"]),
+        "v": changed(zigzag, v=zigzag["v"].values * np.where(half, 1.944, 1.0)).drop_vars(["x", "y"]),
+        "psi": changed(zigzag, psi=zigzag["psi"].values + np.deg2rad(10.0) * half).drop_vars("r"),
+        "x": changed(zigzag, x=zigzag["x"].values + 25.0 * half),
+        "r": with_samples(zigzag, "r", part, 0.0),
+        "delta": with_samples(zigzag, "delta", part, 0.0),
+    }
+
+
+@pytest.mark.parametrize("level", [0.0, 0.01])
+def test_a_jump_of_a_sensor_is_found(zigzag, container, level):
+    """A unit that changes half way, a gyro that is set, a jump of a receiver, a sensor that drops out."""
+    for name, trial in faults_of_a_sensor(noisy(zigzag, level=level) if level else zigzag).items():
+        check = checks_by_name(trial, container)["jumps"]
+        assert check.verdict == ("doubtful" if name in ("psi", "x", "v") else "bad"), name
+        assert [label for label, *_ in check.numbers] == [f"jumps, {name}"]
+        assert f" of {name} by " in check.sentence
+
+
+def test_two_runs_in_one_file_are_named(zigzag, circle, container):
+    n = zigzag.sizes["time"] // 2
+    both = {
+        name: np.append(zigzag[name].values[:n], circle[name].values[-n:])
+        for name in zigzag.data_vars
+        if "time" in zigzag[name].dims
+    }
+    check = checks_by_name(changed(zigzag.isel(time=slice(2 * n)), **both), container)["jumps"]
+    assert check.verdict == "bad"
+    assert "two runs in one file?" in check.sentence
+
+
+def test_held_readings_and_quick_gears_do_not_jump(zigzag, container):
+    held = zigzag.isel(time=np.arange(zigzag.sizes["time"]) // 5 * 5).assign_coords(time=zigzag["time"])
+    assert checks_by_name(held, container)["jumps"].verdict == "good"
+    assert checks_by_name(zigzag.isel(time=slice(None, None, 20)), container)["jumps"].verdict == "good"
+
+
+@pytest.mark.parametrize("name", ["v", "r"])
+def test_a_velocity_without_its_sign_is_named(zigzag, container, name):
+    unsigned = changed(zigzag, **{name: np.abs(zigzag[name].values)})
+    check = checks_by_name(unsigned.drop_vars(["x", "y", "psi"]), container)["signs"]
+    assert check.verdict == "bad"
+    assert check.sentence.startswith(f"{name} stays on one side")
+
+
+def test_a_stuck_rudder_indicator_is_found(zigzag, circle, container):
+    """From the middle of the second hold on; a turning circle with a fixed rudder is one."""
+    delta = zigzag["delta"].values
+    stuck = with_samples(zigzag, "delta", slice(900, None), delta[900])
+    check = checks_by_name(stuck, container)["frozen channels"]
+    assert check.verdict == "bad"
+    assert check.value("frozen, delta") > 180.0
+    assert checks_by_name(circle, container)["frozen channels"].verdict == "good"
+
+
+def test_noise_on_a_fixed_rudder_is_no_finding(circle, container):
+    delta = circle["delta"].values + np.deg2rad(0.05) * np.random.default_rng(1).standard_normal(circle.sizes["time"])
+    steady = changed(circle, delta=delta).isel(time=slice(300, None))
+    checks = checks_by_name(steady.assign_coords(time=steady["time"] - steady["time"][0]), container)
+    assert "(delta)" not in checks["noise"].sentence
+    assert checks["rudder rate"].verdict == "not checked"
+
+
 def test_a_heading_that_wraps_is_unwrapped(circle, container):
     trial = wrapped(circle)
     checks = ps.trial_checks(trial, container)
@@ -180,7 +248,7 @@ def test_a_channel_that_stands_still_is_one_finding(zigzag, container, name, stu
     dead = changed(zigzag, **{name: np.full(zigzag.sizes["time"], stuck)})
     checks = checks_by_name(dead, container)
     assert {key for key in alarms(checks) if checks[key].verdict == "bad"} == {"frozen channels"}
-    assert checks["plausibility"].verdict == ("not checked" if name != "psi" else "good")
+    assert checks["plausibility"].verdict == ("good" if name in ("r", "psi") else "not checked")
     assert f"{name} stands still" in " ".join(check.sentence for check in checks.values())
 
 

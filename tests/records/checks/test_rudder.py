@@ -143,10 +143,10 @@ def test_an_order_between_two_multiples_of_five_degrees_is_no_error(container, m
 def test_a_rudder_without_its_sign_is_named(ship):
     vessel = ps.load_vessel(ship)
     run = simulated(vessel, ps.zigzag(20, 20))
-    check = checks_by_name(changed(run, delta=np.abs(run["delta"].values)), vessel)["rudder sign"]
+    check = checks_by_name(changed(run, delta=np.abs(run["delta"].values)), vessel)["signs"]
     assert (check.verdict, "its sign is lost" in check.sentence) == ("bad", True)
     for manoeuvre in (ps.turning_circle(35), ps.pull_out(20)):
-        assert checks_by_name(simulated(vessel, manoeuvre), vessel)["rudder sign"].verdict == "good"
+        assert checks_by_name(simulated(vessel, manoeuvre), vessel)["signs"].verdict == "good"
 
 
 @pytest.mark.parametrize(("factor", "words"), [(0.5, "delta reads 0.5 of the angle"), (1.6, "delta reads 1.6 times")])
@@ -154,3 +154,25 @@ def test_a_rudder_of_another_scale_is_one_cause_of_its_rate(zigzag, container, f
     """The mean of two indicators of which one is dead; per cent of 35 deg."""
     check = checks_by_name(changed(zigzag, delta=factor * zigzag["delta"].values), container)["rudder rate"]
     assert (check.verdict, words in check.sentence) == ("doubtful", True)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.01])
+@pytest.mark.parametrize(("shift", "text"), [(-4.0, "delta is late; state delay = "), (4.0, "its clock is ahead")])
+def test_a_rudder_with_a_clock_of_its_own_is_found(container, level, shift, text):
+    """L/U are 18 s; a record without a shift is good."""
+    run = simulated(container, ps.zigzag(20, 20))
+    run = noisy(run, level=level) if level else run
+    assert checks_by_name(run, container)["rudder timing"].verdict == "good"
+    time = run["time"].values
+    moved = changed(run, delta=np.interp(time + shift, time, run["delta"].values))
+    check = checks_by_name(moved, container)["rudder timing"]
+    assert check.verdict == "doubtful"
+    assert text in check.sentence
+    assert check.value("shift") == pytest.approx(shift, abs=1.5)
+
+
+def test_the_time_of_a_rudder_needs_a_vessel_and_a_reversal(container):
+    assert (
+        checks_by_name(simulated(container, ps.turning_circle(35)), container)["rudder timing"].verdict == "not checked"
+    )
+    assert checks_by_name(simulated(container, ps.zigzag(20, 20)), None)["rudder timing"].verdict == "not checked"

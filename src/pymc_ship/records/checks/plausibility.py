@@ -212,6 +212,9 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
     Without a vessel only drift, lateral acceleration and heel are checked.
     """
     name = "plausibility"
+    if "r" not in trial and "psi" in trial:
+        rate = np.gradient(np.unwrap(trial["psi"].values), sampling_interval(trial))
+        trial = trial.assign(r=("time", rate))
     if reason := missing_channels_text(trial, ("u", "v", "r")):
         return not_checked(name, reason)
     motion, _ = _motion(trial, scale, vessel)

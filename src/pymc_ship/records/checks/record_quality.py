@@ -1,4 +1,4 @@
-"""Checks of a record as such: sampling, noise, resolution, spikes, frozen channels, wraps of the heading, gaps."""
+"""Checks of a record as such: sampling, noise, resolution, spikes, jumps, frozen channels, wraps, signs, gaps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import xarray as xr
 
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.records.checks.rudder import rudder_rate
-from pymc_ship.records.checks.verdicts import Check, Numbers, not_checked
+from pymc_ship.records.checks.verdicts import SLOW, Check, Numbers, not_checked
 from pymc_ship.records.files.ship_scale import ShipScale
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
@@ -39,6 +39,14 @@ decoded; the largest numbers of 8 and 16 bits, with up to two decimals; rows of 
 JUMP = 8.0  # steps of a channel, at their 99 % quantile, from which a stand-in is none of its values
 _LOST = ("gap", "missing", "out of the order", "time goes back", "without a time")  # rows, in the notes of the reading
 _HALF_WINDOW, _LONGEST_SPIKE, _SURROUNDINGS = 4, 2, 51  # samples
+ABRUPT, NOISY = 5.0, 8.0  # change at a jump over those around it, and over the noise of a sample
+LEAST_JUMP, BAD_JUMP = 0.1, 0.25  # fraction of a channel's range
+LEAST_JUMPS = {"psi": 0.05, "x": 0.05, "y": 0.05}  # rad; ship lengths
+AT_ONCE = 3  # channels that jump together where two runs stand in one file
+DEFLECTED, BEGUN, ENDED = 0.05, 0.5, 0.15  # rudder angle [rad]; r/U over its largest of a turn begun, and ended
+_MOST_JUMPS = 0.02  # fraction of the samples; more are noise
+ONE_SIDED, BOTH_SIDES = 0.05, 0.3  # lesser over larger extreme of a channel without sign; of another, to both sides
+UNSIGNED = {"v": "r", "r": "v", "delta": "r"}  # channels that change sign with another one
 
 
 def recorded(trial: xr.Dataset, names: tuple[str, ...] = SIMULATED) -> list[str]:
@@ -93,7 +101,8 @@ def noise_check(trial: xr.Dataset) -> Check:
     if not names:
         return not_checked("noise", "no channel that changes, or fewer than 10 samples")
     sd = second_difference_sd(np.array([trial[name].values for name in names], dtype=float))
-    spread = np.sqrt(np.maximum([np.var(trial[name].values) for name in names] - sd**2, 1e-6 * sd**2))
+    variance = [np.mean(trial[name].values ** 2) if name == "delta" else np.var(trial[name].values) for name in names]
+    spread = np.sqrt(np.maximum(variance - sd**2, 1e-6 * sd**2))
     ratios = (sd / np.maximum(spread, np.finfo(float).tiny)).tolist()
     units = [trial[name].attrs.get("units", "") for name in names]
     numbers = tuple((f"sd {name}", s, unit) for name, s, unit in zip(names, sd.tolist(), units, strict=True))
@@ -124,6 +133,28 @@ def resolution_check(trial: xr.Dataset) -> Check:
     unit = trial[worst].attrs.get("units", "")
     text = f"{worst} has {counts[worst]} distinct values, steps of about {step:.2g} {unit}; export more digits."
     return Check("resolution", verdict, text, numbers)
+
+
+def sign_check(trial: xr.Dataset) -> Check:
+    """Channels to one side while another one, which goes with them, changes from side to side."""
+    pairs = [(name, other) for name, other in UNSIGNED.items() if {name, other} <= set(trial)]
+    if not pairs:
+        return not_checked("signs", "no two of v, r and delta in the record")
+    lost = [name for name, other in pairs if _has_lost_its_sign(trial[name].values, trial[other].values)]
+    if lost:
+        text = f"{lost[0]} stays on one side while the ship turns to both: its sign is lost; find the signed column."
+        return Check("signs", "bad", text)
+    return Check("signs", "good", f"{', '.join(name for name, _ in pairs)} change sign together, or not at all.")
+
+
+def _has_lost_its_sign(values: np.ndarray, other: np.ndarray) -> bool:
+    low, high = np.quantile(values, [0.0, 1.0])
+    right, left = np.quantile(other, [0.1, 0.9])
+    one_sided = min(abs(low), abs(high)) < ONE_SIDED * max(abs(low), abs(high)) or low * high > 0.0
+    if not one_sided or low == high or min(-right, left) <= BOTH_SIDES * max(-right, left):
+        return False
+    signed, unsigned = np.corrcoef(np.array([values, other, np.abs(other)]))[0, 1:]
+    return bool(abs(unsigned) > abs(signed))
 
 
 def stand_ins(trial: xr.Dataset, name: str) -> dict[str, np.ndarray]:
@@ -221,6 +252,53 @@ def without_spikes(trial: xr.Dataset) -> xr.Dataset:
     return _interpolated(trial, {name: cells for name, cells in bad.items() if cells.size})
 
 
+def jump_check(trial: xr.Dataset, scale: ShipScale) -> Check:
+    """Changes between two samples that no ship can make."""
+    found = {name: jumps(trial, name, scale) for name in recorded(trial)}
+    found = {
+        name: sizes for name, sizes in found.items() if 0 < len(sizes) <= max(1.0, _MOST_JUMPS * trial.sizes["time"])
+    }
+    numbers = tuple((f"jumps, {name}", float(len(sizes)), "") for name, sizes in found.items())
+    if not found:
+        return Check("jumps", "good", "No channel jumps.")
+    time, worst = trial["time"].values, {name: max(sizes, key=lambda k: abs(sizes[k])) for name, sizes in found.items()}
+    texts = []
+    for name, k in worst.items():
+        unit = CHANNELS[name].unit
+        texts.append(f"{name} by {unit.display_factor * abs(found[name][k]):.3g} {unit.display} at {time[k]:.4g} s")
+    together = max(sum(abs(k - other) < _LONGEST_SPIKE for other in worst.values()) for k in worst.values())
+    text = f"Jumps of {', '.join(texts)}, more than a ship can change between two samples; "
+    text += "two runs in one file? Split it." if together >= AT_ONCE else "mend the sensor, or cut the record there."
+    large = (abs(found[k][m]) > BAD_JUMP * _range(trial, k) for k, m in worst.items() if k not in ("x", "y"))
+    return Check("jumps", "bad" if together >= AT_ONCE or any(large) else "doubtful", text, numbers)
+
+
+def jumps(trial: xr.Dataset, name: str, scale: ShipScale) -> dict[int, float]:
+    """Changes of a channel to the next sample that stand out from those around them, by the sample before."""
+    values = _continuous(trial, name)
+    moved = np.append(0, np.flatnonzero(np.diff(values)) + 1)
+    kept = moved if moved.size < 0.5 * values.size else np.arange(values.size)  # a held reading is one
+    if kept.size < 2 * _SURROUNDINGS // 5:
+        return {}
+    steps = np.diff(values[kept])
+    padded = np.pad(steps, 2, mode="reflect")
+    around = np.array([padded[k : k + steps.size] for k in (0, 1, 3, 4)])
+    usual = np.median(around, axis=0)
+    excess = steps - usual
+    scatter = np.sort(np.abs(around - usual), axis=0)[-2]  # one of the four may be another jump
+    least = LEAST_JUMPS.get(name, LEAST_JUMP * _range(trial, name)) * (scale.L if name in ("x", "y") else 1.0)
+    if name == "delta":
+        rate, samples = rudder_rate(trial)
+        least = max(least, ABRUPT * np.deg2rad(rate) * sampling_interval(trial)) if samples > AT_ONCE else np.inf
+    common = ABRUPT * np.maximum(scatter, np.quantile(np.abs(excess), 1.0 - 2.0 * _MOST_JUMPS))
+    limit = np.maximum(common, max(least, NOISY * second_difference_sd(values[None])[0]))
+    return {int(kept[k]): float(excess[k]) for k in np.flatnonzero(np.abs(excess) > limit)}
+
+
+def _range(trial: xr.Dataset, name: str) -> float:
+    return float(np.ptp(np.quantile(_continuous(trial, name), [0.01, 0.99])))
+
+
 def _continuous(trial: xr.Dataset, name: str) -> np.ndarray:
     return unwrapped_heading(trial) if name == "psi" else np.asarray(trial[name].values, dtype=float)
 
@@ -253,6 +331,10 @@ def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         text = f"{', '.join(stuck)} never change{'s' if len(stuck) == 1 else ''}; find the right column or the sensor."
         return Check("frozen channels", "bad", text, tuple((f"frozen, {name}", np.inf, "s") for name in stuck))
     interval = sampling_interval(trial)
+    if duration := interval * _rudder_at_rest(trial, scale.time / interval):
+        text = f"delta stands still for {duration:.3g} s while the ship begins a turn and ends it: the "
+        text += "rudder indicator is stuck; cut that part out."
+        return Check("frozen channels", "bad", text, (("frozen, delta", duration, "s"),))
     longest = {name: interval * _longest_frozen(trial, name, names, scale.time / interval) for name in names}
     numbers = tuple((f"frozen, {name}", duration, "s") for name, duration in longest.items() if duration > 0.0)
     if not numbers:
@@ -287,6 +369,26 @@ def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: f
         moving = any(np.ptp(means) > 0.05 * np.ptp(values) for means, values in zip(parts, others, strict=True))
         moving &= not _along_the_other_axis(trial.isel(time=slice(start, stop)), name)
         longest = max(longest, int(stop - start)) if moving else longest
+    return longest
+
+
+def _rudder_at_rest(trial: xr.Dataset, ship_time: float) -> int:
+    """Samples of the longest fixed rudder angle at which the ship begins a turn and ends it; 0 without one."""
+    from scipy.ndimage import uniform_filter1d
+
+    if not {"delta", "r", "u"} <= set(trial):
+        return 0
+    delta, u = trial["delta"].values, trial["u"].values
+    rate = uniform_filter1d(trial["r"].values.astype(float), max(round(FROZEN * ship_time), 1))
+    turning = rate / np.maximum(u, max(SLOW * float(np.quantile(u, 0.95)), np.finfo(float).tiny))
+    turning = turning / max(float(np.quantile(np.abs(turning), 0.99)), np.finfo(float).tiny)
+    edges, longest = np.flatnonzero(np.diff(delta, prepend=np.nan, append=np.nan) != 0.0), 0
+    for run in np.flatnonzero((np.diff(edges) >= _SURROUNDINGS // 5) & (np.abs(delta[edges[:-1]]) > DEFLECTED)):
+        fixed = turning[edges[run] : edges[run + 1]]
+        side = np.sign(fixed) * (np.abs(fixed) > BEGUN)
+        begun = np.flatnonzero((side != 0.0) & (side != side[0]))
+        if begun.size and (np.abs(fixed[begun[0] :]) < ENDED).any():
+            longest = max(longest, fixed.size)
     return longest
 
 

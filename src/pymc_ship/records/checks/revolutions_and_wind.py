@@ -79,7 +79,9 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     numbers = (("variance of the wind", unsteady[()], "m2/s2"), ("ratio under the best reading", ratio, ""))
     if not best:
         text = f"The variance of the wind as given is {unsteady[()]:.2g} m2/s2; no other interpretation of the columns "
-        text += "has less than a quarter of it. Knots, the opposite direction and anticlockwise angles cannot be excluded."
+        text += (
+            "has less than a quarter of it. Knots, the opposite direction and anticlockwise angles cannot be excluded."
+        )
         return Check(name, "good", text, numbers)
     remedy = 'state wind = "relative" in the format' if best == (_RELATIVE,) else "correct the columns"
     sentence = f"Probably {', and '.join(best)}: the wind then keeps {100.0 * ratio:.2g} % of its variance; {remedy}."

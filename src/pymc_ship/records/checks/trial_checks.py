@@ -80,6 +80,7 @@ def trial_checks(
         checks.append(check(trial))
         trial = _apply_corrections(trial, checks[-1:])
     scale = ship_scale(trial, vessel)
+    checks += [record_quality.jump_check(trial, scale), record_quality.sign_check(trial)]
     checks += [record_quality.sampling_check(trial, scale), record_quality.gap_check(trial)]
     unused = channel_names(lambda channel: vessel is not None and "roll" not in vessel.dofs and channel.rolling)
     used = trial.drop_vars(unused, errors="ignore")
@@ -152,13 +153,15 @@ def _closure_checks(
 
 def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool) -> list[Check]:
     unit = rudder.rudder_unit_check(trial)
-    names = ("rudder sign", "rudder zero", "rudder angle", "rudder rate", "rudder delay")
+    names = ("rudder sign", "rudder zero", "rudder angle", "rudder rate", "rudder delay", "rudder timing")
     if unit.verdict != "good":
         reason = "the unit of delta must be right first" if unit.verdict == "bad" else "no delta in the record"
         return [unit, *(not_checked(name, reason) for name in names)]
-    sign = rudder.rudder_sign_check(trial, ship_scale(trial, vessel))
+    scale = ship_scale(trial, vessel)
+    sign = rudder.rudder_sign_check(trial, scale)
     if yaw_is_bad:
         sign = not_checked("rudder sign", "r must be right first")
+    timing = not_checked("rudder timing", "r and the sign of delta must be right first")
     return [
         unit,
         sign,
@@ -166,6 +169,7 @@ def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool
         rudder.rudder_angle_check(trial),
         rudder.rudder_rate_check(trial, vessel),
         rudder.rudder_delay_check(trial),
+        rudder.rudder_timing_check(trial, scale) if sign.verdict == "good" else timing,
     ]
 
 
