@@ -27,6 +27,7 @@ from pymc_ship.cli.texts import (
     compared_index_text,
     design_text,
     forecast_text,
+    conditions_text,
     form_text,
     score_text,
     term_set_text,
@@ -210,11 +211,11 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     trees, text = {}, []
     for label, manoeuvre in wanted.items():
         progress(f"forecasting the {label}")
-        settings = {"duration": args.duration, "n": args.n, "wind": args.wind, "current": args.current}
-        settings["facility"] = args.facility or _facility(ship, measured.get(label))
+        settings = {"duration": args.duration, "facility": args.facility or _facility(ship, measured.get(label))}
+        around = {"n": args.n, "wind": args.wind, "current": args.current}
         rng.bit_generator.state = state  # the same random numbers for every manoeuvre
-        trees[label] = ps.forecast(ship, manoeuvre, draws=args.draws, rng=rng, **settings)
-        reference = _reference(manoeuvre, source.reference, trees[label])
+        trees[label] = ps.forecast(ship, manoeuvre, draws=args.draws, rng=rng, **settings, **around)
+        reference = _reference(manoeuvre, source.reference, trees[label], **around)
         text.append(_text(trees[label], label, measured, ship.vessel, reference))
     text += [spiral_sentence(turns)] if turns is not None else []
     text += [stopping_sentence(stop)] if stop is not None else []
@@ -232,14 +233,14 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     return "\n\n".join(text), page
 
 
-def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree) -> xr.Dataset | None:
-    """Indices of the reference vessel, in the steps of its forecast; None without a vessel or indices."""
+def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree, **around: Any) -> xr.Dataset | None:
+    """Indices of the reference vessel, in steps and surroundings of its forecast; None without a vessel or indices."""
     if vessel is None or not manoeuvre.traits.indices:
         return None
     forecast = tree["trajectories"].dataset
     time, settings = forecast["time"].values, {name: forecast.attrs[name] for name in ("step", "method")}
     settings |= {"duration": time[-1], "record_interval": time[1] - time[0]}
-    return ps.indices(ps.simulate(vessel, manoeuvre, **settings))
+    return ps.indices(ps.simulate(vessel, manoeuvre, **settings, **around))
 
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -292,8 +293,9 @@ def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = {"conditions": args.conditions, "ship": ship, "full_load": full_load, "rng": args.seed}
     report = ps.sea_trial(trials, vessel, progress=progress, **settings)
     progress("writing the page")
-    text = "\n\n".join(filter(None, [form_text(report.form), "\n".join(report.remarks)]))
-    return text, ps.trial_report(report, out, command=made_by(args))
+    unmet = [row for row in report.conditions if row["conformity"] == "not met"]
+    texts = [form_text(report.form), *filter(None, [conditions_text(unmet)]), "\n".join(report.remarks)]
+    return "\n\n".join(filter(None, texts)), ps.trial_report(report, out, command=made_by(args))
 
 
 def _measured(args: argparse.Namespace, ship: Ship, progress: Progress) -> dict[str, tuple[Manoeuvre, xr.Dataset]]:

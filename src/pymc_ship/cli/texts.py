@@ -240,6 +240,12 @@ def form_text(form: Sequence[Mapping]) -> str:
     return table_text(keys, [[row[key] for key in keys] for row in form], "Manoeuvring data, IMO MSC/Circ.1053")
 
 
+def conditions_text(unmet: Sequence[Mapping]) -> str:
+    """Conditions of a sea trial that are not met; empty without one."""
+    rows = [[row["condition"], row["found"], row["limit"]] for row in unmet]
+    return table_text(("condition", "found", "limit"), rows, "Conditions of the trial not met") if rows else ""
+
+
 def table_text(header: Sequence[str], rows: Iterable[Sequence], caption: str = "") -> str:
     """Caption and columns of text, the first column aligned left and the others right."""
     cells = [list(header), *([_cell(value) for value in row] for row in rows)]
