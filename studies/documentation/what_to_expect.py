@@ -47,8 +47,7 @@ tactical diameter is {foreign_error} %, and {foreign_inside} intervals hold the 
 - **Sail more than one kind of run.** From two circles and random tests the model error of a zigzag cannot be measured.
   The Esso Osaka shows what follows: intervals that are far too narrow.
 - **Small zigzags alone are the weakest trials.** Their intervals are the widest of the figure.
-- **Record the wind and the revolutions where they vary.**
-  [The Esso Osaka](case_studies/esso_osaka.md) shows what they are worth.
+- **Record the wind and the revolutions where they vary** ([example](case_studies/esso_osaka.md)).
 - **A second facility is almost a second ship.** Gear and approach differ;
   see [two towing tanks](case_studies/kvlcc2.md#from-one-facility-to-the-other).
 

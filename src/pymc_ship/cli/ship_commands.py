@@ -25,9 +25,9 @@ from pymc_ship.cli.files import (
 from pymc_ship.cli.parser import SHIP_PRIORS, SIDES
 from pymc_ship.cli.texts import (
     compared_index_text,
+    conditions_text,
     design_text,
     forecast_text,
-    conditions_text,
     form_text,
     score_text,
     term_set_text,
@@ -294,7 +294,7 @@ def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
     report = ps.sea_trial(trials, vessel, progress=progress, **settings)
     progress("writing the page")
     unmet = [row for row in report.conditions if row["conformity"] == "not met"]
-    texts = [form_text(report.form), *filter(None, [conditions_text(unmet)]), "\n".join(report.remarks)]
+    texts = [form_text(report.form), conditions_text(unmet), "\n".join(report.remarks)]
     return "\n\n".join(filter(None, texts)), ps.trial_report(report, out, command=made_by(args))
 
 
