@@ -282,17 +282,20 @@ def jumps(trial: xr.Dataset, name: str, scale: ShipScale) -> dict[int, float]:
         return {}
     steps = np.diff(values[kept])
     padded = np.pad(steps, 2, mode="reflect")
-    around = np.array([padded[k : k + steps.size] for k in (0, 1, 3, 4)])
-    usual = np.median(around, axis=0)
-    excess = steps - usual
-    scatter = np.sort(np.abs(around - usual), axis=0)[-2]  # one of the four may be another jump
     least = LEAST_JUMPS.get(name, LEAST_JUMP * _range(trial, name)) * (scale.L if name in ("x", "y") else 1.0)
     if name == "delta":
         rate, samples = rudder_rate(trial)
         least = max(least, ABRUPT * np.deg2rad(rate) * sampling_interval(trial)) if samples > AT_ONCE else np.inf
-    common = ABRUPT * np.maximum(scatter, np.quantile(np.abs(excess), 1.0 - 2.0 * _MOST_JUMPS))
-    limit = np.maximum(common, max(least, NOISY * second_difference_sd(values[None])[0]))
-    return {int(kept[k]): float(excess[k]) for k in np.flatnonzero(np.abs(excess) > limit)}
+    least = max(least, NOISY * second_difference_sd(values[None])[0])
+    least = max(least, ABRUPT * float(np.quantile(np.abs(np.diff(steps)), 1.0 - 2.0 * _MOST_JUMPS)))
+    found = {}
+    for k in np.flatnonzero(np.maximum(np.abs(steps - padded[1:-3]), np.abs(steps - padded[3:-1])) > least):
+        around = padded[[k, k + 1, k + 3, k + 4]]
+        excess = steps[k] - np.median(around)
+        scatter = np.sort(np.abs(around - np.median(around)))[-2]  # one of the four may be another jump
+        if abs(excess) > max(least, ABRUPT * scatter):
+            found[int(kept[k])] = float(excess)
+    return found
 
 
 def _range(trial: xr.Dataset, name: str) -> float:

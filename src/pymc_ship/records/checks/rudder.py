@@ -15,7 +15,7 @@ from pymc_ship.records.checks.verdicts import (
     not_checked,
     straight_approach,
 )
-from pymc_ship.records.files.ship_scale import ShipScale
+from pymc_ship.records.files.ship_scale import Blocks, ShipScale
 from pymc_ship.records.files.sides import MIRROR_IMAGE, rudder_effect
 from pymc_ship.trial.record import AXES, sampling_interval, second_difference_sd
 
@@ -31,6 +31,7 @@ PAUSE = 0.25  # fraction of a move's largest step up to which the rudder pauses
 LEAD, SHIFTED, SHIFT_ERRORS = -0.035, 0.08, 2.0  # L/U by which the yaw of ships follows their rudder in this equation,
 # with an sd of 0.021 over forty zigzags of twelve ships; L/U, and standard errors, from which the rudder is shifted
 _REVERSED = 0.3  # lesser over larger rudder angle, to both sides
+_PER_LENGTH = 60  # means in L/U
 _MEAN, _SHIFTS = 0.2, np.linspace(-0.4, 0.4, 41)  # L/U of the moving mean; tried shifts
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
@@ -258,9 +259,10 @@ def rudder_timing_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 
 def _yaw_shift(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float]:
     """Shift of the rudder [L/U] that fits a nonlinear equation of yaw best, less the usual one, and its error."""
-    interval = sampling_interval(trial)
+    blocks = Blocks(max(int(scale.time / sampling_interval(trial) / _PER_LENGTH), 1))
+    interval = blocks.size * sampling_interval(trial)
     size = max(round(_MEAN * scale.time / interval), 2)
-    u, v, r, delta = (trial[name].values for name in ("u", "v", "r", "delta"))
+    u, v, r, delta = (blocks.means(trial[name].values) for name in ("u", "v", "r", "delta"))
     u, time = u / scale.U, interval * np.arange(r.size)
     terms = (u * r, r * np.abs(r), u * v, v * np.abs(v), v * np.abs(r), r * np.abs(v), np.ones(r.size))
     basis, _ = np.linalg.qr(np.column_stack([_moving_mean(term, size) for term in terms]))
