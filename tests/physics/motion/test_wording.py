@@ -90,12 +90,12 @@ test_simulation_errors = wording(
         )
         for settings, message in [
             ({"method": "rk45"}, "one of euler, rk4, dop853; found 'rk45'"),
-            ({"duration": 0.0}, "duration must be positive, found 0.0 s"),
-            ({"duration": -1.0}, "duration must be positive, found -1.0 s"),
-            ({"duration": np.nan}, "duration must be positive, found nan s"),
-            ({"duration": np.inf}, "duration must be positive, found inf s"),
-            ({"step": 0.0}, "step must be positive, found 0.0 s"),
-            ({"step": np.nan}, "step must be positive, found nan s"),
+            ({"duration": 0.0}, "duration must be a positive number, found 0.0 s"),
+            ({"duration": -1.0}, "duration must be a positive number, found -1.0 s"),
+            ({"duration": np.nan}, "duration must be a positive number, found nan s"),
+            ({"duration": np.inf}, "duration must be a positive number, found inf s"),
+            ({"step": 0.0}, "step must be a positive number, found 0.0 s"),
+            ({"step": np.nan}, "step must be a positive number, found nan s"),
             ({"duration": 0.01}, "at least one step, found 0.01 s at 0.02 s"),
             ({"record_interval": 0.03}, "multiple of the step, found 0.03 s at 0.02 s"),
             ({"record_interval": 0.0}, "multiple of the step, found 0.0 s"),

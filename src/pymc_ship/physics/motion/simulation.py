@@ -250,7 +250,7 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
     check_choice("The method", method, INTEGRATORS, SimulationError)
     for name, value in (("duration", duration), ("step", step)):
         if not 0.0 < value < np.inf:
-            raise SimulationError(f"The {name} must be positive, found {value} s; raise it.")
+            raise SimulationError(f"The {name} must be a positive number, found {value} s; correct it.")
     if duration < step:
         raise SimulationError(f"The duration must be at least one step, found {duration} s at {step} s; lengthen it.")
     ratio = 1.0 if record_interval is None else record_interval / step
