@@ -219,6 +219,32 @@ def test_a_receiver_gives_velocities_and_track(run, read):
     )
 
 
+@pytest.mark.parametrize("positions", ["degrees", "metres"])
+@pytest.mark.parametrize("arm", [-140.0, 30.0])
+def test_the_place_of_an_antenna_moves_velocities_and_track(run, read, arm, positions):
+    psi, r = run["psi"].values, run["r"].values
+    antenna = run.assign(v=run["v"] + arm * r, x=run["x"] + arm * np.cos(psi), y=run["y"] + arm * np.sin(psi))
+    table = received(antenna) | {"r [rad/s]": r}
+    if positions == "metres":
+        table = {name: cells for name, cells in table.items() if not name.startswith(("Lat", "lon"))}
+        table |= {"x [m]": antenna["x"].values, "y [m]": antenna["y"].values}
+    trial = read(table, {"frame": {"reference": arm}})
+    for name in ("u", "v"):
+        np.testing.assert_allclose(trial[name], run[name], atol=1e-9, err_msg=name)
+    for name in ("x", "y"):
+        away = (trial[name] - run[name]).values
+        np.testing.assert_allclose(away, away[0], atol=0.05, err_msg=name)
+    assert f"v, x, y moved to the origin from a point {arm:g} m forward of it." in trial.attrs["reading"]
+
+
+def test_an_antenna_without_a_place_is_said(run, read):
+    words = "u, v and the track are those of the antenna; state its place, [frame] reference, m forward of the origin."
+    table = received(run) | {"r [rad/s]": run["r"].values}
+    assert words in read(table).attrs["reading"].splitlines()
+    assert "antenna" not in read(table | {"STW [m/s]": run["u"].values}).attrs["reading"]
+    assert "antenna" not in read(columns(run)).attrs["reading"]
+
+
 def test_a_log_precedes_the_receiver(run, read):
     trial = read(received(run) | {"STW [m/s]": run["u"].values})
     np.testing.assert_array_equal(trial["u"], run["u"])

@@ -32,6 +32,7 @@ _CONVENTIONS: Mapping[str, Mapping[str, str]] = {
 """Other keys of the frame that a convention states; the axes are north-east-down but for those of ROS."""
 
 _Z_UP = ("enu-flu", "nwu-flu")  # conventions of ROS
+_RECEIVER = "receiver"  # velocities along x and y of the point that x and y are of; no key states it
 
 _NMEA_UNITS = {
     "psi": "deg",
@@ -227,13 +228,13 @@ def with_ground(
 ) -> tuple[dict[str, np.ndarray], TrialFormat, list[str]]:
     """dict[str, np.ndarray] with u, v and x, y of the ground where the file has no others, format and sentences.
 
-    The velocities are earth-fixed, which the format then states. TrialError for positions that are none.
+    The velocities are those of the receiver, which the format then states. TrialError for positions that are none.
     """
     channels, notes = dict(channels), []
     sog, cog, latitude, longitude = (channels.pop(name, None) for name in ("sog", "cog", "latitude", "longitude"))
     if sog is not None and cog is not None and "psi" in channels and not {"u", "v"} & set(channels):
         channels |= {"u": sog * np.cos(cog), "v": sog * np.sin(cog)}
-        layout = replace(layout, velocities="earth", speeds=OVER_GROUND)
+        layout = replace(layout, velocities=_RECEIVER, speeds=OVER_GROUND)
         notes.append("u, v from speed and course over ground: each trial has an unknown current.")
     if latitude is not None and longitude is not None and not {"x", "y"} & set(channels):
         north, east, note = _local_plane(latitude, longitude, where)
@@ -270,18 +271,27 @@ def _local_plane(latitude: np.ndarray, longitude: np.ndarray, where: str) -> tup
 def at_origin(
     channels: dict[str, np.ndarray], layout: TrialFormat, where: str
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Channels with u and v in ship axes at the origin, sentences on the changes; TrialError for a missing channel."""
-    moved, notes = dict(channels), []
-    if layout.velocities == "earth":
+    """Channels with u and v in ship axes at the origin, sentences on the changes; TrialError for a missing channel.
+
+    The track of a receiver whose velocities u and v are moves with them.
+    """
+    moved, notes, arm = dict(channels), [], layout.reference
+    if layout.velocities in ("earth", _RECEIVER):
         _check_channels(moved, ("u", "v", "psi"), "velocities = 'earth'", where)
         cosine, sine = np.cos(moved["psi"]), np.sin(moved["psi"])
         u, v = moved["u"], moved["v"]
         moved |= {"u": u * cosine + v * sine, "v": v * cosine - u * sine}
         notes.append("u, v turned from earth-fixed axes into the ship's by psi.")
-    if layout.reference:
-        _check_channels(moved, ("v", "r"), f"reference = {layout.reference:g}", where)
-        moved["v"] = moved["v"] - layout.reference * moved["r"]
-        notes.append(f"v moved to the origin from a point {layout.reference:g} m forward of it.")
+    track = {"x", "y"} <= set(moved) and layout.velocities == _RECEIVER
+    if arm:
+        _check_channels(moved, ("v", "r"), f"reference = {arm:g}", where)
+        moved["v"] = moved["v"] - arm * moved["r"]
+        if track:
+            moved |= {"x": moved["x"] - arm * np.cos(moved["psi"]), "y": moved["y"] - arm * np.sin(moved["psi"])}
+        notes.append(f"{'v, x, y' if track else 'v'} moved to the origin from a point {arm:g} m forward of it.")
+    elif layout.velocities == _RECEIVER:
+        names = "u, v and the track" if track else "u, v"
+        notes.append(f"{names} are those of the antenna; state its place, [frame] reference, m forward of the origin.")
     return moved, notes
 
 
