@@ -98,3 +98,84 @@ def test_bombs_are_refused(tmp_path, part, size):
             member.write(bytes(10_000_000))
     with refused(TrialError, "DTD" if part else "unpacked"):
         ps.read_trial(tmp_path / "run.xlsx")
+
+
+def sheets(path, tables):
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for title, rows in tables.items():
+        sheet = book.create_sheet(title)
+        for row in rows:
+            sheet.append(row)
+    book.save(path)
+
+
+def rows_of(table, headings=None):
+    return [headings or list(table), *zip(*(values.tolist() for values in table.values()), strict=True)]
+
+
+def test_structs_of_the_same_names_are_refused(run, tmp_path):
+    """Also where one has another length, or lacks a channel."""
+    table = columns(run)
+    for other in (
+        {name: values[:-5] for name, values in table.items()},
+        {name: 2.0 * table[name] for name in ("time", "u")},
+    ):
+        scipy.io.savemat(tmp_path / "run.mat", {"zigzag": table, "circle": other})
+        with refused(TrialError, "time", "zigzag", "circle"):
+            ps.read_trial(tmp_path / "run.mat")
+
+
+def test_structs_that_agree_or_differ_in_settings_are_read(run, tmp_path):
+    table = columns(run)
+    ship = {"name": "a", "x": np.arange(3.0), "steps": np.arange(run.sizes["time"])}
+    other = {"time": table["time"], "steps": -ship["steps"]}
+    scipy.io.savemat(tmp_path / "run.mat", {"run": table, "more": other, "ship": ship})
+    trial = ps.read_trial(tmp_path / "run.mat")
+    for name in MOTION:
+        np.testing.assert_allclose(trial[name], run[name], rtol=1e-12, atol=1e-13, err_msg=name)
+    assert f"Columns left out: x (3 rows); the table has {run.sizes['time']}." in trial.attrs["reading"].splitlines()
+
+
+@pytest.mark.parametrize("name", ["run.mat", "run.nc"])
+def test_a_column_of_another_length_is_named(run, tmp_path, name):
+    table = columns(run)
+    late = table.pop("delta")[::10]
+    if name == "run.mat":
+        scipy.io.savemat(tmp_path / name, {**table, "delta": late})
+    else:
+        data = xr.Dataset({key: ("time", table[key]) for key in table if key != "time"}, {"time": table["time"]})
+        data.assign(delta=("other", late)).to_netcdf(tmp_path / name)
+    words = f"Columns left out: delta ({late.size} rows); the table has {run.sizes['time']}."
+    assert words in ps.read_trial(tmp_path / name).attrs["reading"].splitlines()
+
+
+def test_tables_side_by_side_are_refused(run, tmp_path):
+    table = columns(run)
+    changed = rows_of({name: 1.01 * values for name, values in table.items()})
+    sheets(tmp_path / "run.xlsx", {"d": [[*a, None, *b] for a, b in zip(rows_of(table), changed, strict=True)]})
+    with refused(TrialError, "time", "L"):
+        ps.read_trial(tmp_path / "run.xlsx")
+
+
+def test_a_sheet_that_is_no_table_is_named_and_two_tables_are_refused(run, tmp_path):
+    table, path = columns(run), tmp_path / "run.xlsx"
+    sheets(path, {"info": [["Ship", "KCS"], ["Date", "May 4"]], "run 7": rows_of(table), "none": []})
+    trial = ps.read_trial(path)
+    np.testing.assert_allclose(trial["u"], run["u"], rtol=1e-12)
+    assert trial.attrs["reading"].splitlines()[0] == "Sheet run 7 read; sheets left out: info."
+    sheets(path, {"zigzag": [["Zigzag", "20/20"], *rows_of(table)], "circle": rows_of(table)})
+    with refused(TrialError, "zigzag", "circle"):
+        ps.read_trial(path)
+
+
+def test_a_workbook_may_have_titles_and_a_row_of_units(run, tmp_path):
+    table, path = columns(run), tmp_path / "run.xlsx"
+    table["psi"] = np.rad2deg(table["psi"])
+    units = {"time": "s", "psi": "[deg]", "x": "m", "y": "m", "u": "m/s", "v": "m/s"}
+    units |= {"r": "rad/s", "p": "rad/s", "phi": "rad", "delta": "rad"}
+    header, *cells = rows_of(table, ["Heading" if name == "psi" else name for name in table])
+    sheets(path, {"d": [["MT Example", "zigzag"], header, [units[name] for name in table], *cells]})
+    trial = ps.read_trial(path)
+    for name in MOTION:
+        np.testing.assert_allclose(trial[name], run[name], rtol=1e-12, atol=1e-13, err_msg=name)

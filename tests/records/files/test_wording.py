@@ -7,6 +7,7 @@ import re
 from functools import partial
 
 import numpy as np
+import scipy.io
 
 import pymc_ship as ps
 from pymc_ship.records.files.columns import matched_columns
@@ -15,6 +16,7 @@ from pymc_ship.records.files.sides import check_one_side
 from tests.records.files.cases import columns, written
 from tests.records.files.test_columns import matched
 from tests.records.files.test_instruments import ramp
+from tests.records.files.test_tables import rows_of, sheets
 from tests.records.files.test_time_base import regularised, signal
 from tests.sentences import wording
 
@@ -56,8 +58,28 @@ def of_two_sides(run):
     check_one_side({name: run.assign_attrs(rudder_positive=side) for name, side in SIDES.items()})
 
 
+def of_two_structs(run, tmp_path):
+    table = columns(run)
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {**table, "circle": {"u": 2.0 * table["u"]}})
+    ps.read_trial(path)
+
+
+def of_two_sheets(run, tmp_path):
+    sheets(tmp_path / "run.xlsx", {name: rows_of(columns(run)) for name in ("a", "b")})
+    ps.read_trial(tmp_path / "run.xlsx")
+
+
 test_trial_errors = wording(
     ps.TrialError,
+    (
+        r"run.mat: u is to be read from one column, found the file and circle; write each run to a file, or each ",
+        of_two_structs,
+    ),
+    (
+        r"has one table, found one in each of the sheets a, b; save each as a workbook\.$",
+        of_two_sheets,
+    ),
     (r'must be stated, .*the line \[frame\], below it rudder_positive = "starboard" \(or "port"\)', without_a_side),
     ("stated, since the record has 15 samples, fewer than 20; ", without_a_side),
     ("no yaw rate and no heading; ", partial(without_a_side, dropped=("r", "psi"))),

@@ -115,6 +115,11 @@ def _channels_named(heading: str) -> list[Channel]:
     return [one for one in quantities().values() if heading == plain_name(one.name) or heading in one.headings]
 
 
+def channels_of(heading: str) -> list[Channel]:
+    """Channels that a heading may name, perhaps with a unit."""
+    return _channels_named(_name_and_unit(heading)[0])
+
+
 def _name_and_unit(heading: str) -> tuple[str, str | None]:
     """Lower-case name and unit of a heading such as ``u [m/s]``, ``r_deg/s``, ``U kn``."""
     bracketed = re.fullmatch(r"(.*?)\s*[\[({]([^\])}]*)[\])}]\s*", heading)

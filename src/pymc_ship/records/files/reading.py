@@ -29,7 +29,7 @@ from pymc_ship.records.files.format import (
 )
 from pymc_ship.records.files.interpolation import interpolated
 from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
-from pymc_ship.records.files.tables import bag_of, binary_columns, cell_texts, check_size, nmea_columns
+from pymc_ship.records.files.tables import Columns, bag_of, binary_columns, cell_texts, check_size, nmea_columns
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, rudder_line
@@ -39,6 +39,7 @@ _FEWEST_LINES, _MOST_TITLES = 4, 50  # lines of a table that have titles before 
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
 _LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
 _SIDES = ("port", "starboard")
+_AROUND_UNITS = " []{}()-"
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
 
@@ -203,14 +204,15 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     """Header, units and rows of a file or of those of a folder; TrialError if one cannot be read or is not a table."""
     if os.path.isdir(path):  # False for a name that no file can have
         return _joined_table(path, layout)
-    if columns := binary_columns(path):
-        texts = {name: cell_texts(values) for name, (values, _) in columns.items()}
-        return _table_of_columns(texts, {name: unit for name, (_, unit) in columns.items()}, [])
+    if binary := binary_columns(path):
+        return _table_of_series(*binary)
     text = _text(path)
     check_size(path, [max(map(text.count, "\n\r"))])
     lines = re.split(r"\r\n|\n|\r", text)
     if log := nmea_columns(lines, path):
-        return _table_of_columns(*log, rudder_positive="starboard")
+        cells, of_cells, notes = log
+        table = _table_of_columns(list(cells), [of_cells.get(name, "") for name in cells], list(cells.values()), notes)
+        return replace(table, rudder_positive="starboard", shows_axes=True)
     skipped = layout.skip_rows
     numbered = [(number, line) for number, line in enumerate(lines, 1) if number > skipped and line.strip()]
     comments = [(number, line) for number, line in numbered if line.lstrip().startswith(_COMMENTS)]
@@ -231,7 +233,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     check_size(path, [len(rows)] * len(headings))
     units = [""] * len(headings)
     if _is_unit_row(rows[0][1]):
-        units = [cell.strip(" []{}()-") for cell in rows.pop(0)[1]]
+        units = [cell.strip(_AROUND_UNITS) for cell in rows.pop(0)[1]]
         units += [""] * (len(headings) - len(units))
     whole, notes = _whole_rows(rows, len(headings), path)
     notes = [f"{titles} lines before the header left out.", *notes] if titles else notes
@@ -286,14 +288,18 @@ def _in_order(
     return time[order], quantum[order], {name: values[order] for name, values in channels.items()}
 
 
-def _table_of_columns(
-    columns: dict[str, list[str]], units: dict[str, str], notes: list[str], rudder_positive: str = ""
-) -> TextTable:
-    """Table of cells by heading."""
-    rows = [list(row) for row in zip(*columns.values(), strict=True)]
-    stated = [units.get(name, "") for name in columns]
-    headings, at, side = [*map(_heading, columns)], list(range(1, len(rows) + 1)), rudder_positive
-    return TextTable(headings, stated, rows, lines=at, notes=notes, rudder_positive=side, shows_axes=bool(side))
+def _table_of_series(columns: Columns, notes: list[str]) -> TextTable:
+    """Table of the columns of a binary file, whose first row may have the units."""
+    cells, units = [cell_texts(one.values) for one in columns], [one.unit for one in columns]
+    if not any(units) and _is_unit_row([column[0] for column in cells]):
+        units = [column[0].strip(_AROUND_UNITS) for column in cells]
+        cells = [column[1:] for column in cells]
+    return _table_of_columns([one.heading for one in columns], units, cells, notes)
+
+
+def _table_of_columns(headings: list[str], units: list[str], columns: list[list[str]], notes: list[str]) -> TextTable:
+    rows = [list(row) for row in zip(*columns, strict=True)]
+    return TextTable([*map(_heading, headings)], units, rows, lines=list(range(1, len(rows) + 1)), notes=notes)
 
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:

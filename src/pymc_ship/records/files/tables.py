@@ -13,12 +13,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import MOST_BYTES
+from pymc_ship.records.files.columns import channels_of
+from pymc_ship.trial.channels import TIME
 
 _CHILD = "import sys; from pymc_ship.records.files.tables import send_columns; send_columns(*sys.argv[1:])"
 _LONGEST = 30.0  # s
@@ -29,7 +31,22 @@ _STORAGE = (".db3", ".mcap")  # of ROS 2
 _SHEET_ROWS = 2**20  # of a worksheet
 _MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 5_000_000, 1000, 24_000_000  # of a trial, read in 2 GB
 
-Columns = dict[str, tuple[Any, str]]  # values and unit by heading
+_MOST_TITLES = 50  # rows of a worksheet that may come before its header
+_SHORTEST_SERIES = 0.01  # fraction of the rows of a table below which a vector is a setting
+_MOST_NAMED = 12  # columns that a sentence names
+
+
+class Series(NamedTuple):
+    """Values of a column, its heading and unit, and where in the file it stands, such as its struct."""
+
+    heading: str
+    values: Any
+    unit: str = ""
+    place: str = ""
+
+
+Columns = list[Series]
+Table = tuple[Columns, list[str]]  # columns, and sentences
 
 
 def bag_of(path: Path) -> Path:
@@ -38,8 +55,11 @@ def bag_of(path: Path) -> Path:
     return next((one for one in sorted(path.iterdir()) if one.suffix in _STORAGE), path) if bag else path
 
 
-def binary_columns(path: Path) -> Columns | None:
-    """Values, of one length, and unit of each column; None for a text file, TrialError for a damaged file."""
+def binary_columns(path: Path) -> Table | None:
+    """Columns, of one length, and sentences on what is left out; None for a text file.
+
+    TrialError for a damaged file, and for two columns of one channel.
+    """
     if not os.path.isfile(path):  # False for a path that no file can have
         return None
     try:
@@ -53,7 +73,7 @@ def binary_columns(path: Path) -> Columns | None:
     if path.stat().st_size > MOST_BYTES:
         raise TrialError(f"{path}: a trial has at most {MOST_BYTES / 1e6:.0f} MB, found more; split it.")
     try:
-        columns = _columns_by_process(kind, path) if kind in _IN_C else _READERS[kind](path)
+        columns, notes = _columns_by_process(kind, path) if kind in _IN_C else _READERS[kind](path)
     except TrialError:
         raise
     except ImportError as error:
@@ -62,14 +82,40 @@ def binary_columns(path: Path) -> Columns | None:
         words = "".join(letter for letter in (str(error).splitlines() or [""])[0] if letter.isprintable())
         reason = words[:100] or type(error).__name__
         raise TrialError(f"{path} cannot be read as {kind}: {reason}; write it anew, or as CSV.") from None
-    columns = {name: (np.asarray(values), unit) for name, (values, unit) in columns.items()}
-    lengths = [values.size for values, _ in columns.values() if values.ndim == 1]
+    columns = [one._replace(values=np.asarray(one.values)) for one in columns]
+    lengths = [one.values.size for one in columns if one.values.ndim == 1]
     rows = max(set(lengths), key=lambda size: size * lengths.count(size), default=0)
-    columns = {name: column for name, column in columns.items() if column[0].shape == (rows,)}
-    check_size(path, [rows] * len(columns))
-    if rows < 2 or len(columns) < 2:
+    table = [one for one in columns if one.values.shape == (rows,)]
+    check_size(path, [rows] * len(table))
+    if rows < 2 or len(table) < 2:
         raise TrialError(f"{path}: a trial has two columns and two rows at least, found none in this {kind}; check it.")
-    return columns
+    _check_single(path, [one for one in columns if one.values.size >= _SHORTEST_SERIES * rows])
+    return table, [*notes, *_other_lengths(columns, rows)]
+
+
+def _other_lengths(columns: Columns, rows: int) -> list[str]:
+    """Sentence on the columns that do not have the rows of the table."""
+    others = [one for one in columns if one.values.shape not in ((rows,), ())]
+    names = [f"{one.heading} ({' x '.join(map(str, one.values.shape))} rows)" for one in others]
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return [f"Columns left out: {', '.join(names[:_MOST_NAMED])}{more}; the table has {rows}."] if names else []
+
+
+def _check_single(path: Path, columns: Columns) -> None:
+    """Raise TrialError for two columns of one heading, of time or a channel, that differ."""
+    first: dict[str, Series] = {}
+    for one in columns:
+        other = first.setdefault(one.heading, one)
+        if other is one or not channels_of(one.heading) or _same(one.values, other.values):
+            continue
+        raise TrialError(
+            f"{path}: {one.heading} is to be read from one column, found {other.place or 'the file'} and "
+            f"{one.place or 'the file'}; write each run to a file, or each sensor of one run to a file of one folder."
+        )
+
+
+def _same(values: np.ndarray, others: np.ndarray) -> bool:
+    return values.shape == others.shape and cell_texts(values) == cell_texts(others)
 
 
 def check_size(path: Path, lengths: Sequence[int]) -> None:
@@ -89,7 +135,7 @@ def cell_texts(values: np.ndarray) -> list[str]:
     return ["" if value is None or value != value else str(value)[:_LONGEST_CELL] for value in values.tolist()]
 
 
-def _parquet(path: Path) -> Columns:
+def _parquet(path: Path) -> Table:
     from pyarrow import parquet, types
 
     schema = parquet.read_schema(path)
@@ -100,7 +146,7 @@ def _parquet(path: Path) -> Columns:
         _check_unpacked(path, sum(one.total_byte_size for one in groups))
         check_size(path, [file.metadata.num_rows] * len(names))
         table = file.read(names)
-    return {name: (_arrow_values(table[name]), "") for name in table.column_names}
+    return [Series(name, _arrow_values(table[name])) for name in table.column_names], []
 
 
 def _arrow_values(column: Any) -> np.ndarray:
@@ -109,8 +155,9 @@ def _arrow_values(column: Any) -> np.ndarray:
     return column.to_pandas().astype(object).to_numpy() if is_dictionary else column.to_numpy()
 
 
-def _xlsx(path: Path) -> Columns:
+def _xlsx(path: Path) -> Table:
     from openpyxl import load_workbook
+    from openpyxl.utils import get_column_letter
 
     with zipfile.ZipFile(path) as archive:
         _check_unpacked(path, sum(member.file_size for member in archive.infolist()))
@@ -118,25 +165,48 @@ def _xlsx(path: Path) -> Columns:
             with archive.open(member) as part:
                 if b"<!DOCTYPE" in part.read(4096):
                     raise TrialError(f"{path}: a workbook has no DTD, found one in {member.filename}; save it anew.")
-    rows, cells_read = [], 0
     with path.open("rb") as file, closing(load_workbook(file, read_only=True, data_only=True)) as book:
-        sheet = book.worksheets[0]
-        sheet.reset_dimensions()
-        for row in sheet.iter_rows(max_row=_SHEET_ROWS, values_only=True):
-            cells_read += len(row)
-            _check_unpacked(path, 24 * cells_read)
-            if any(cell is not None for cell in row):
-                rows.append(row)
-    begin = next((k for k, row in enumerate(rows) if sum(isinstance(cell, str) for cell in row) > 1), 0)
+        begins = {sheet.title: _rows(path, sheet, _MOST_TITLES) for sheet in book.worksheets}
+        tables = [title for title, rows in begins.items() if any(map(_is_header, rows))]
+        if len(tables) > 1:
+            raise TrialError(
+                f"{path}: a workbook of a trial has one table, found one in each of the sheets {', '.join(tables)}; "
+                "save each as a workbook."
+            )
+        title = next(iter(tables), book.worksheets[0].title)
+        rows = _rows(path, book[title], _SHEET_ROWS)
+    others = [other for other, cells in begins.items() if cells and other != title]
+    notes = [f"Sheet {title} read; sheets left out: {', '.join(others[:_MOST_NAMED])}."] if others else []
+    texts = (k for k, row in enumerate(rows) if sum(isinstance(cell, str) for cell in row) > 1)
+    begin = next((k for k, row in enumerate(rows[:_MOST_TITLES]) if _is_header(row)), next(texts, 0))
     header, *cells = rows[begin:]
     check_size(path, [len(cells)] * len(header))
     columns = np.full((len(header), len(cells)), None, dtype=object)
     for k, row in enumerate(cells):
         columns[: len(row), k] = row[: len(header)]
-    return {str(name): (column, "") for name, column in zip(header, columns, strict=True) if name is not None}
+    named = [(k, str(name), column) for k, (name, column) in enumerate(zip(header, columns, strict=True), 1) if name]
+    return [Series(name, column, place=f"column {get_column_letter(k)}") for k, name, column in named], notes
 
 
-def _netcdf(path: Path) -> Columns:
+def _rows(path: Path, sheet: Any, most: int) -> list[tuple[Any, ...]]:
+    """Rows of a worksheet that are not empty, among the first ``most``."""
+    rows, cells_read = [], 0
+    sheet.reset_dimensions()
+    for row in sheet.iter_rows(max_row=most, values_only=True):
+        cells_read += len(row)
+        _check_unpacked(path, 24 * cells_read)
+        if any(cell is not None for cell in row):
+            rows.append(row)
+    return rows
+
+
+def _is_header(row: Sequence[Any]) -> bool:
+    """Whether a row of a worksheet has headings of time and of another quantity."""
+    known = [channels_of(cell) for cell in row if isinstance(cell, str)]
+    return any(TIME in one for one in known) and any(one and TIME not in one for one in known)
+
+
+def _netcdf(path: Path) -> Table:
     import xarray as xr
     from netCDF4 import Dataset
 
@@ -146,16 +216,16 @@ def _netcdf(path: Path) -> Columns:
     with xr.open_dataset(path, engine="netcdf4", decode_times=clock, decode_timedelta=False) as data:
         series = {str(name): one for name, one in data.variables.items() if one.ndim == 1}
         _check_unpacked(path, sum(one.nbytes for one in series.values()))
-        return {name: (one.values, str(one.attrs.get("units", ""))) for name, one in series.items()}
+        return [Series(name, one.values, str(one.attrs.get("units", ""))) for name, one in series.items()], []
 
 
-def _matlab(path: Path) -> Columns:
+def _matlab(path: Path) -> Table:
     from scipy.io import loadmat
 
-    return dict(_series(loadmat(path, simplify_cells=True)))
+    return list(_series(loadmat(path, simplify_cells=True))), []
 
 
-def _matlab_73(path: Path) -> Columns:
+def _matlab_73(path: Path) -> Table:
     """Vectors of each group; links to other files are not followed."""
     import h5py
 
@@ -176,10 +246,10 @@ def _matlab_73(path: Path) -> Columns:
             for group in groups:
                 parent = parent.setdefault(group, {})
             parent[last] = np.reshape(one[()], -1)
-    return dict(_series(table))
+    return list(_series(table)), []
 
 
-def _bag(path: Path) -> Columns:
+def _bag(path: Path) -> Table:
     """A row for each time: that of a message's header or, if that is of another clock, of its recording."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
@@ -205,8 +275,8 @@ def _bag(path: Path) -> Columns:
             check_size(path, [len(rows)])
     names, times = list(dict.fromkeys(name for row in rows.values() for name in row)), sorted(rows)
     check_size(path, [len(rows)] * len(names))
-    columns = {name: (np.array([rows[time].get(name, np.nan) for time in times]), "") for name in names}
-    return {"time": (1e-9 * (np.array(times) - times[0]), "s"), **columns} if times else {}
+    columns = [Series(name, np.array([rows[time].get(name, np.nan) for time in times])) for name in names]
+    return [Series("time", 1e-9 * (np.array(times) - times[0]), "s"), *columns] if times else [], []
 
 
 def _numbers_of(message: Any, name: str) -> Iterator[tuple[str, float]]:
@@ -218,7 +288,7 @@ def _numbers_of(message: Any, name: str) -> Iterator[tuple[str, float]]:
             yield from _numbers_of(value, f"{name}.{part}")
 
 
-def _columns_by_process(kind: str, path: Path) -> Columns:
+def _columns_by_process(kind: str, path: Path) -> Table:
     """Read a file in a process of its own: at damaged files these libraries can end their process, or never return."""
     try:
         child = subprocess.run(
@@ -246,7 +316,7 @@ def send_columns(kind: str, path: str) -> None:
 
         resource.setrlimit(resource.RLIMIT_DATA, 2 * (2 * _MOST_UNPACKED,))
         resource.setrlimit(resource.RLIMIT_CPU, 2 * (round(_LONGEST),))  # also where the reading process is killed
-    columns: Columns | Exception
+    columns: Table | Exception
     try:
         columns = _READERS[kind](Path(path))
     except Exception as error:
@@ -254,20 +324,21 @@ def send_columns(kind: str, path: str) -> None:
     pickle.dump(columns, sys.stdout.buffer)
 
 
-def _series(table: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, str]]]:
+def _series(table: Mapping[str, Any], place: str = "") -> Iterator[Series]:
     """Series of a workspace and of its structs by their last name; signals of Simulink by their label."""
     for name, value in table.items():
         if name.startswith("__"):
             continue
         if isinstance(value, Mapping) and "values" in value:
             label = value.get("label")
-            yield (label if isinstance(label, str) and label else name), (value["values"], "")
+            yield Series(label if isinstance(label, str) and label else name, value["values"], place=place)
         elif isinstance(value, Mapping):
-            yield from _series(value)
+            yield from _series(value, f"{place}.{name}".strip("."))
         elif isinstance(value, list):
-            yield from _series({f"{name} {k}": one for k, one in enumerate(value, 1) if isinstance(one, Mapping)})
+            structs = {f"{name} {k}": one for k, one in enumerate(value, 1) if isinstance(one, Mapping)}
+            yield from _series(structs, place)
         elif isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "biuf":
-            yield name, (value, "")
+            yield Series(name, value, place=place)
 
 
 def _check_unpacked(path: Path, size: int) -> None:
@@ -288,7 +359,7 @@ _KINDS = {
 }
 """Kind of a file by its first bytes; a MAT file of version 7.3 is HDF5 behind a header of its own."""
 
-_READERS: Mapping[str, Callable[[Path], Columns]] = {
+_READERS: Mapping[str, Callable[[Path], Table]] = {
     "Parquet": _parquet,
     "xlsx": _xlsx,
     "NetCDF": _netcdf,
