@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.records.files.columns import matched_columns
+from pymc_ship.records.files.columns import matched_columns, receiver_stand_ins
 from pymc_ship.trial.channels import file_columns
 from pymc_ship.trial.units import METRE
 from tests.sentences import refused
@@ -115,3 +115,38 @@ def test_the_own_name_of_a_unit_is_among_its_spellings():
 def test_channels_come_in_one_order():
     columns, _ = matched_columns(["delta", "v", "time", "u", "n"], [""] * 5, {}, "run.csv")
     assert list(columns) == ["time", "u", "v", "delta", "n"]
+
+
+class TestStandInsOfReceivers:
+    course = 350.0 + 15.0 * np.sin(np.linspace(0.0, 12.0, 400))
+
+    def test_a_run_far_from_its_neighbours_is_one(self):
+        cells = self.course % 360.0
+        at = int(np.argmin(self.course))
+        cells[at : at + 3] = 360.0
+        assert {
+            number: np.flatnonzero(found).tolist() for number, found in receiver_stand_ins("cog", cells).items()
+        } == {360.0: [at, at + 1, at + 2]}
+
+    @pytest.mark.parametrize("resolution", [0.1, 1.0])
+    def test_north_is_none(self, resolution):
+        cells = np.round(self.course / resolution) * resolution
+        cells = np.where(cells > 360.0, cells - 360.0, cells)
+        assert (cells == 360.0).any()
+        assert receiver_stand_ins("cog", cells) == {}
+        assert receiver_stand_ins("cog", np.where(np.arange(400) == 200, 360.0, 359.9)) == {}
+
+    @pytest.mark.parametrize(
+        ("name", "number", "value"),
+        [("sog", 102.3, 15.0), ("latitude", 91.0, 53.5), ("longitude", 181.0, 8.1), ("psi", 511.0, 151.0)],
+    )
+    def test_other_numbers_and_cells_without_any(self, name, number, value):
+        cells = value + 1e-3 * np.arange(100.0)
+        cells[[3, 50, 98]], cells[49] = number, np.nan
+        found = receiver_stand_ins(name, cells)
+        assert np.flatnonzero(found.pop(number)).tolist() == [3, 50, 98]
+        assert found == {}
+
+    def test_a_ship_that_crosses_the_number_has_none(self):
+        assert receiver_stand_ins("longitude", np.round(180.99 + 1e-4 * np.arange(200.0), 4)) == {}
+        assert receiver_stand_ins("psi", np.round(480.0 + 0.5 * np.arange(200.0), 1)) == {}

@@ -251,6 +251,22 @@ def test_a_log_precedes_the_receiver(run, read):
     assert "speeds" not in trial.attrs
 
 
+def test_stand_ins_of_a_receiver_are_missing_cells(run, read):
+    """Else u, v and the track were those of 102.3 kn to the north, from a point beyond the pole."""
+    table, clean = received(run), read(received(run))
+    wrong = {"SOG [kn]": 102.3, "COG [deg]": 360.0, "HDT [deg]": 511.0, "Latitude [deg]": 91.0}
+    wrong["lon [degrees_east]"] = 181.0
+    at = 100 + int(np.argmin(np.cos(np.deg2rad(table["COG [deg]"][100:300]))))
+    for name, number in wrong.items():
+        table[name][at] = number
+    trial = read(table)
+    for name in ("u", "v", "psi", "x", "y"):
+        np.testing.assert_allclose(trial[name], clean[name], atol=0.05, err_msg=name)
+    for name, number in wrong.items():
+        words = f"{number:g} in 1 cell of {name!r} taken as not available: far from the values beside."
+        assert words in trial.attrs["reading"].splitlines()
+
+
 @pytest.mark.parametrize(("latitude", "words"), [(5000.0, "90"), (60.0, "100")])
 def test_positions_of_no_trial_are_refused(run, read, latitude, words):
     table = received(run)

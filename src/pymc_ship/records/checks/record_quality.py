@@ -8,6 +8,7 @@ import xarray as xr
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.records.checks.rudder import rudder_rate
 from pymc_ship.records.checks.verdicts import SLOW, Check, Numbers, not_checked
+from pymc_ship.records.files.columns import MISSING_CODES, standing_out
 from pymc_ship.records.files.ship_scale import ShipScale
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
@@ -25,18 +26,6 @@ LEAST_SPIKE = 0.02  # fraction of a channel's range below which a spike does no 
 FROZEN = 0.25  # fraction of L/U from which equal values are a frozen sensor
 ALONG = 0.02  # sine of the heading below which a ship moves along an axis, and the other coordinate may stand still
 ROUNDED = 0.8  # fraction of distinct neighbours below which a channel is rounded, with runs of equal values
-MISSING_CODES = {
-    "rad": (360.0, 511.0),
-    "rad/s": (127.0, 128.0, 731.0),
-    "m/s": (102.3,),
-    "": (99.9, 255.0, 327.67, 655.35, 999.0, 999.9, 3276.7, 6553.5, 9999.0, 32767.0, 32768.0, 65535.0, 99999.0, 1e6),
-}
-"""Numbers, of either sign, that stand for "not available" in the unit of a file, by SI unit; "" for every channel.
-
-AIS (ITU-R M.1371): heading 511, course 360.0, speed 102.3, rate of turn 128, 127 without an indicator and 731 as
-decoded; the largest numbers of 8 and 16 bits, with up to two decimals; rows of nines.
-"""
-JUMP = 8.0  # steps of a channel, at their 99 % quantile, from which a stand-in is none of its values
 _LOST = ("gap", "missing", "out of the order", "time goes back", "without a time")  # rows, in the notes of the reading
 _HALF_WINDOW, _LONGEST_SPIKE, _SURROUNDINGS = 4, 2, 51  # samples
 ABRUPT, NOISY = 5.0, 8.0  # change at a jump over those around it, and over the noise of a sample
@@ -167,18 +156,10 @@ def stand_ins(trial: xr.Dataset, name: str) -> dict[str, np.ndarray]:
             if number * factor > 1.001 * largest:
                 continue
             cells = np.abs(np.abs(values) - number * factor) < 1e-6 * number * factor
-            if cells.any() and not cells.all() and _stands_out(values, cells):
+            if cells.any() and not cells.all() and (standing_out(values, cells) == cells).all():
                 sign = -1.0 if (values[cells][0] < 0.0) != flipped else 1.0
                 found[f"{sign * number:g} {spelling}"] = cells
     return found
-
-
-def _stands_out(values: np.ndarray, cells: np.ndarray) -> bool:
-    """Whether every run of some cells lies far from its neighbours, measured by the steps of the others."""
-    steps = np.abs(np.diff(values))
-    edges = np.diff(cells.astype(int)) != 0
-    others = steps[~(cells[1:] | cells[:-1])]
-    return bool(others.size > 0 and (steps[edges] > JUMP * np.quantile(others, 0.99)).all() and steps[edges].all())
 
 
 def stand_in_check(trial: xr.Dataset) -> Check:

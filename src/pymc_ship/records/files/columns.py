@@ -39,6 +39,53 @@ CODES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
 """Cells as numbers of their unit, by code; ``ais`` is 4.733 times the root of a rate of turn in deg/min."""
 
 
+MISSING_CODES = {
+    "rad": (360.0, 511.0),
+    "rad/s": (127.0, 128.0, 731.0),
+    "m/s": (102.3,),
+    "": (99.9, 255.0, 327.67, 655.35, 999.0, 999.9, 3276.7, 6553.5, 9999.0, 32767.0, 32768.0, 65535.0, 99999.0, 1e6),
+}
+"""Numbers, of either sign, that stand for "not available" in the unit of a file, by SI unit; "" for every channel.
+
+AIS (ITU-R M.1371): heading 511, course 360.0, speed 102.3, rate of turn 128, 127 without an indicator and 731 as
+decoded; the largest numbers of 8 and 16 bits, with up to two decimals; rows of nines.
+"""
+JUMP = 8.0  # steps of a channel, at their 99 % quantile, from which a stand-in is none of its values
+_OF_RECEIVERS = {"sog": (102.3,), "cog": (360.0,), "psi": (511.0,), "latitude": (91.0,), "longitude": (181.0,)}
+_WHOLE_TURN, _LEAST_TURN = 360.0, 5.0  # deg; the least is of a course that is none beside others
+
+
+def standing_out(values: np.ndarray, cells: np.ndarray, least: float = 0.0, period: float | None = None) -> np.ndarray:
+    """Those of some cells whose run lies far from its neighbours, measured by the steps of the others."""
+    steps, far = np.abs(np.diff(values)), np.zeros_like(cells)
+    steps = steps if period is None else np.minimum(steps % period, -steps % period)
+    others = steps[~(cells[1:] | cells[:-1])]
+    if not others.size:
+        return far
+    wide = (steps > JUMP * np.quantile(others, 0.99)) & (steps > least)
+    edges = np.flatnonzero(np.diff(cells.astype(int), prepend=0, append=0))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        far[begin:end] = (begin == 0 or wide[begin - 1]) and (end == cells.size or wide[end - 1])
+    return far
+
+
+def receiver_stand_ins(name: str, cells: np.ndarray) -> dict[float, np.ndarray]:
+    """Cells of a receiver, or of a heading, that a stand-in fills, by its number in the unit of the file."""
+    left, found = cells.copy(), {}
+    turn, least = (_WHOLE_TURN, _LEAST_TURN) if name in ("cog", "psi") else (None, 0.0)
+    for number in (*_OF_RECEIVERS[name], *(one for one in MISSING_CODES[""] if one > _WHOLE_TURN)):
+        known = np.flatnonzero(np.isfinite(left))
+        values = left[known]
+        held = np.abs(np.abs(values) - number) < 1e-6 * number
+        if not held.any() or held.all():
+            continue
+        beyond = turn is not None and number > turn and np.abs(values[~held]).max() <= turn
+        far = known[held if beyond else standing_out(values, held, least, turn)]
+        if far.size:
+            left[far], found[number] = np.nan, np.isin(np.arange(cells.size), far)
+    return found
+
+
 SETTINGS = ("sign", "offset", "code", "missing", "delay")
 """Settings of a column that a format file states, beside its heading and unit."""
 

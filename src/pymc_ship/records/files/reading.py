@@ -17,7 +17,15 @@ import xarray as xr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
-from pymc_ship.records.files.columns import ROS, Column, clock_column, is_unit, matched_columns
+from pymc_ship.records.files.columns import (
+    GROUND,
+    ROS,
+    Column,
+    clock_column,
+    is_unit,
+    matched_columns,
+    receiver_stand_ins,
+)
 from pymc_ship.records.files.format import (
     TrialFormat,
     at_origin,
@@ -210,8 +218,9 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     check_size(path, [max(map(text.count, "\n\r"))])
     lines = re.split(r"\r\n|\n|\r", text)
     if log := nmea_columns(lines, path):
-        cells, of_cells, notes = log
-        table = _table_of_columns(list(cells), [of_cells.get(name, "") for name in cells], list(cells.values()), notes)
+        read, units_of, log_notes = log
+        known = [units_of.get(name, "") for name in read]
+        table = _table_of_columns(list(read), known, list(read.values()), log_notes)
         return replace(table, rudder_positive="starboard", shows_axes=True)
     skipped = layout.skip_rows
     numbered = [(number, line) for number, line in enumerate(lines, 1) if number > skipped and line.strip()]
@@ -428,7 +437,24 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
         numbers[name][small] = 0.0
         if small.any():
             notes.append(f"{int(small.sum())} cells of {name}, all within {1.0 / _LARGEST:g} of zero, read as 0.")
-    return numbers, notes
+    return numbers, [*notes, *_without_stand_ins(columns, numbers)]
+
+
+def _without_stand_ins(columns: dict[str, Column], numbers: dict[str, np.ndarray]) -> list[str]:
+    """Empty the cells of a satellite receiver that stand for missing ones; sentences on them.
+
+    Other channels keep theirs for the check of stand-ins, but for a heading that turns velocities over ground.
+    """
+    names, notes = [name for name in GROUND if name in columns], []
+    if {"sog", "cog", "psi"} <= set(columns) and not {"u", "v"} & set(columns):
+        names.append("psi")
+    for name in names:
+        for number, cells in receiver_stand_ins(name, numbers[name]).items():
+            numbers[name][cells] = np.nan
+            count = int(cells.sum())
+            held = f"{count} cell{'s' if count > 1 else ''} of {columns[name].heading!r}"
+            notes.append(f"{number:g} in {held} taken as not available: far from the values beside.")
+    return notes
 
 
 def _numbers(cells: list[str]) -> list[float | None]:
