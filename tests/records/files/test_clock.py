@@ -167,3 +167,52 @@ def test_a_stamp_that_is_none_is_named(read):
         read(table(cells))
     cells[7] = ""
     assert "1 row without a time left out." in read(table(cells)).attrs["reading"]
+
+
+OF_TWO_NUMBERS = {"hours and minutes": (60.0, "%H:%M", 0.02), "minutes and seconds": (1.0, "%M:%S", 0.2)}
+"""Unit of the last number [s], form, and time between the rows in that unit."""
+
+
+class TestStampsOfTwoNumbers:
+    """A column such as 08:00, to the minute or to the second."""
+
+    def text(self, kind, names, every=None, count=300):
+        """Stamps that each stand ``1 / every`` times."""
+        unit, form, usual = OF_TWO_NUMBERS[kind]
+        every = every or usual
+        channels = motion(unit * every * np.arange(count))
+        cells = stamps(dated(form), datetime(2024, 2, 28, 8, 8, tzinfo=UTC), unit * every, count)
+        return table(cells, channels={name: channels[name] for name in names})
+
+    @pytest.mark.parametrize("names", [("x", "y", "u"), ("psi", "r")])
+    @pytest.mark.parametrize("kind", OF_TWO_NUMBERS)
+    def test_channels_that_agree_tell(self, read, kind, names):
+        trial = read(self.text(kind, names))
+        unit, _, every = OF_TWO_NUMBERS[kind]
+        assert float(np.diff(trial["time"]).mean()) == pytest.approx(every * unit, rel=0.02)
+        assert f"time from 'time': {kind}, counted from 08:" in trial.attrs["reading"]
+        other = {1.0: "min", 60.0: "s"}[unit]
+        assert f'state [columns] time = {{ column = "time", unit = "{other}" }}.' in trial.attrs["reading"]
+
+    def test_the_format_states_it_where_nothing_tells(self, read):
+        text = self.text("hours and minutes", ("u", "psi"))
+        with refused(ps.TrialError, "time", "min"):
+            read(text)
+        for unit, seconds in (("min", 60.0), ("s", 1.0)):
+            trial = read(text, format={"columns": {"time": {"column": "time", "unit": unit}}})
+            assert float(np.diff(trial["time"]).mean()) == pytest.approx(0.02 * seconds, rel=0.05)
+
+    def test_stamps_that_do_not_repeat_are_seconds_and_it_is_said(self, read):
+        trial = read(self.text("minutes and seconds", ("u", "psi"), every=1.0, count=60))
+        np.testing.assert_allclose(np.diff(trial["time"]), 1.0)
+        assert 'unit = "min" }' in trial.attrs["reading"]
+
+    def test_am_and_pm_are_hours(self, read):
+        cells = stamps(dated("%I:%M PM"), datetime(2024, 2, 28, 13, 8, tzinfo=UTC), 6.0, 300)
+        assert float(np.diff(read(table(cells))["time"]).mean()) == pytest.approx(6.0, rel=0.02)
+
+    def test_dates_to_the_minute_are_rounded_stamps(self, read):
+        cells = stamps(dated("%d.%m.%Y %H:%M"), datetime(2024, 2, 28, 8, 0, tzinfo=UTC), 1.0, 600)
+        trial = read(table(cells, channels=motion(np.arange(600.0))))
+        assert trial.sizes["time"] == 600
+        assert float(np.diff(trial["time"]).mean()) == pytest.approx(1.0, rel=0.01)

@@ -70,8 +70,16 @@ def of_two_sheets(run, tmp_path):
     ps.read_trial(tmp_path / "run.xlsx")
 
 
+def of_minutes(read):
+    read("Time;u;psi\n" + "".join(f"08:{k // 9:02d};7;0.1\n" for k in range(300)))
+
+
 test_trial_errors = wording(
     ps.TrialError,
+    (
+        r"column 'Time': .*, found '08:00' and none that show it; state it, \[columns\] time = \{ column",
+        of_minutes,
+    ),
     (
         r"run.mat: u is to be read from one column, found the file and circle; write each run to a file, or each ",
         of_two_structs,

@@ -28,6 +28,9 @@ _LEAST_TURN = 0.5  # rad
 _NEAR = 6.0  # sampling intervals between the stamps at a full minute or a rollover, at most
 _COMPACT_DATES = (1.9e13, 2.2e13)  # yyyymmddhhmmss
 _TIME_OF_DAY = re.compile(r"(?:(\d{1,9}):)?(\d{1,2}):(\d{1,2}(?:\.\d*)?)\s*([ap]m)?", re.IGNORECASE)
+_WITHOUT_SECONDS = re.compile(r"[ T]\d{1,2}:\d{2}(?:\s*[ap]m|Z)?$", re.IGNORECASE)
+_HOURS = 24  # of a day
+_REPEATED = 1.5  # rows of one stamp, from which hours and minutes are as probable as minutes and seconds
 _DECIMALS = re.compile(r":\d{1,2}\.(\d+)")
 _ZONE_NAME = re.compile(r"\s+(?:UTC|GMT|[A-Z]{3,4})$")
 _NANOSECONDS = re.compile(r"(.*?)n(?:ano)?_?secs?(?:onds)?")
@@ -47,15 +50,25 @@ def nanosecond_columns(headings: Sequence[str]) -> dict[int, int]:
     return found
 
 
-def clock_of_text(cells: Sequence[str], lines: Sequence[int], column: Column, where: str) -> Clock:
-    """Clock of dates and times such as ``2020-01-01T08:00:00Z`` or ``08:00:00.5``; a cell is empty where one lacks."""
+def clock_of_text(cells: Sequence[str], lines: Sequence[int], column: Column, channels: Channels, where: str) -> Clock:
+    """Clock of dates and times such as ``2020-01-01T08:00:00Z`` or ``08:00:00.5``; a cell is empty where one lacks.
+
+    Where stamps such as ``08:00`` may be minutes and seconds, the ``channels`` [SI] tell as in numbers of no unit.
+    """
     cells = [cell.replace(",", ".") for cell in cells]
     known = [k for k, cell in enumerate(cells) if cell]
     decimals = max((len(digits) for cell in cells for digits in _DECIMALS.findall(cell)), default=0)
     time, quantum = np.full(len(cells), np.nan), np.full(len(cells), 10.0**-decimals)
     stamps = [cells[k] for k in known]
-    read = _times_of_day if _TIME_OF_DAY.fullmatch(stamps[0]) else _dates
-    seconds, kind, first, period = read(stamps)
+    unit, unit_notes = "s", []
+    if not _TIME_OF_DAY.fullmatch(stamps[0]):
+        unit = "min" if all(map(_WITHOUT_SECONDS.search, stamps)) else "s"
+        seconds, kind, first, period = _dates(stamps)
+    else:
+        if stamps[0].count(":") == 1:
+            unit, unit_notes = _unit_of_pairs(cells, column, channels, where)
+        seconds, kind, first, period = _times_of_day(stamps, unit)
+    quantum *= _UNITS[unit]
     bad = np.flatnonzero(~np.isfinite(seconds))
     if bad.size:
         raise TrialError(
@@ -64,7 +77,34 @@ def clock_of_text(cells: Sequence[str], lines: Sequence[int], column: Column, wh
         )
     time[known], notes = _without_rollovers(seconds, period, 0.5 * period)
     note = f"time from {column.heading!r}: {kind}, counted from {first}."
-    return time - time[known[0]], quantum, [note, *notes]
+    return time - time[known[0]], quantum, [note, *unit_notes, *notes]
+
+
+def _unit_of_pairs(cells: Sequence[str], column: Column, channels: Channels, where: str) -> tuple[str, list[str]]:
+    """Unit of the last number of stamps such as ``08:00``, s or min, and a sentence where it is not sure.
+
+    TrialError where stamps repeat, so that one of the two units is far off, and nothing tells which.
+    """
+    stamps = [cell for cell in cells if cell]
+    seconds = np.full(len(cells), np.nan)
+    seconds[[k for k, cell in enumerate(cells) if cell]] = _times_of_day(stamps, "s")[0]
+    if any(stamp[-1] in "mM" for stamp in stamps):
+        return "min", []
+    if any("." in stamp for stamp in stamps) or not np.nanmax(seconds) < 60.0 * _HOURS:
+        return "s", []
+    if column.unit_by == "the format file" and column.unit in ("s", "min"):
+        return column.unit, []
+    for ratio, reason in _ratios(seconds, channels):
+        for unit, other in (("s", "min"), ("min", "s")):
+            if max(ratio / _UNITS[unit], _UNITS[unit] / ratio) <= _AGREEMENT:
+                return unit, [f"time from {column.heading!r}: so {reason} agree; {_key(column, other)}"]
+    if len(stamps) > _REPEATED * len(set(stamps)):
+        raise TrialError(
+            f"{where}, column {column.heading!r}: the channels of a trial show whether a stamp is hours and minutes or "
+            f"minutes and seconds, found {stamps[0]!r} and none that show it; state it, [columns] time = "
+            f'{{ column = "{column.heading}", unit = "min" }}, or "s".'
+        )
+    return "s", [f"time from {column.heading!r}: no channels show that the last number is s; {_key(column, 'min')}"]
 
 
 def _dates(stamps: list[str]) -> tuple[np.ndarray, str, str, float]:
@@ -96,17 +136,20 @@ def _date_text(date: object) -> str:
     return f"{date:%Y-%m-%d %H:%M:%S} UTC"
 
 
-def _times_of_day(stamps: list[str]) -> tuple[np.ndarray, str, str, float]:
-    """As :func:`_dates`, of stamps such as ``08:00:00``, ``8:00:00 PM`` or ``00:59.5``."""
+def _times_of_day(stamps: list[str], last: str) -> tuple[np.ndarray, str, str, float]:
+    """As :func:`_dates`, of stamps such as ``08:00:00``, ``8:00:00 PM`` or ``00:59.5``; ``last``: unit at their end."""
     seconds = np.full(len(stamps), np.nan)
     for k, stamp in enumerate(stamps):
         if matched := _TIME_OF_DAY.fullmatch(stamp):
             hour, minute, second, half = matched.groups()
+            if last == "min":
+                hour, minute, second = (minute, second, 0) if hour is None else (None, 0, np.nan)
             hours = int(hour or 0) if not half else int(hour or 0) % 12 + 12 * (half.lower() == "pm")
             seconds[k] = 3600.0 * hours + 60.0 * int(minute) + float(second)
-    has_hours = stamps[0].count(":") == 2
+    has_hours = stamps[0].count(":") == 2 or last == "min"
     period = DAY if has_hours else 3600.0
     kind = "hours, minutes and seconds" if has_hours else "minutes and seconds"
+    kind = "hours and minutes" if last == "min" else kind
     return seconds, kind, stamps[0], period if np.nanmax(seconds) < period else np.inf
 
 

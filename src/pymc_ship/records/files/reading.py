@@ -117,7 +117,7 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     before = layout
     channels, layout, sign_notes = _in_ship_axes(raw, before, str(path))
     if stamps:
-        time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, str(path))
+        time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, channels, str(path))
     else:
         time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels)
     if delays := {name: column.delay for name, column in columns.items() if column.delay}:
