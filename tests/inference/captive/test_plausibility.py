@@ -60,6 +60,12 @@ def unit(old, new):
     return {(new if head == old else head): values for head, values in series().items()}
 
 
+def again(factor):
+    """The series with its first test once more, of other forces."""
+    first = {head: values[:1] * (factor if head[0] in "YN" else 1.0) for head, values in series().items()}
+    return {head: np.append(values, first[head]) for head, values in series().items()}
+
+
 WRONG = [
     (lambda: changed(N=np.zeros_like), r"N' = 0 in all 15; leave the column out"),
     (lambda: changed(X=lambda values: 0.0 * values - 9.0), r"X' = -9 in all 15"),
@@ -72,6 +78,11 @@ WRONG = [
     (lambda: changed(r=np.negative), "N' damps the yaw rate .* change the sign of r"),
     (lambda: changed(d=np.negative), "rudder to port .* frame.rudder_positive"),
     (lambda: changed(Y=lambda values: 320.0 / 20.8 * values, N=lambda values: 320.0 / 20.8 * values), '= "Ld"'),
+    (lambda: changed(b=np.abs), "one motion have one force, found Y' = .* at beta = 12 deg, delta = 0 deg; give"),
+    (lambda: changed(d=np.abs), "at beta = 0 deg, delta = 10 deg; give beta, r and delta their signs"),
+    (lambda: again(-1.0), "one motion have one force"),
+    (lambda: again(2.0), "one motion have one force"),
+    (lambda: changed(X=np.negative), "found X' greater by .* X' is positive forward: change its sign"),
     (lambda: changed(Y=lambda values: values - vessel().m * series()["r"]), "without the model's own mass"),
 ]
 
@@ -81,6 +92,16 @@ def test_wrong_tests_are_refused(tmp_path, columns):
     with pytest.raises(ps.TrialError) as raised:
         read(tmp_path, columns())
     assert str(raised.value).endswith(".")
+
+
+def test_noisy_tests_that_are_repeated_are_read(tmp_path):
+    """Small forces of either sign at one motion are noise; the straight course has no others."""
+    rng = np.random.default_rng(5)
+    twice = {head: np.tile(values, 3) for head, values in series().items()}
+    for head, values in twice.items():
+        if head[1:] == "'":
+            twice[head] = values + 0.02 * np.abs(values).max() * rng.standard_normal(values.size)
+    assert read(tmp_path, twice).sizes["test"] == 3 * len(series()["X'"])
 
 
 @pytest.mark.parametrize("name", ["container", "kvlcc2", "kvlcc2 polynomial"])

@@ -1,7 +1,12 @@
 """Reading of captive tests."""
 
+import warnings
+
 import numpy as np
 import pytest
+
+import pymc_ship as ps
+from tests.sentences import refused
 
 HEADER = "beta(deg),delta(deg),r,Speed(m/s),rps,X',Y',N'"
 ROWS = ("0,10,0,7.974,1.5,-1e-4,5e-4,-3e-4", "8,0,0.3,7.974,1.5,-2e-4,3e-3,1e-3")
@@ -54,3 +59,32 @@ def test_rows_that_stand_there_twice_count_once(read):
     tests = read(*ROWS, ROWS[0])
     assert tests.sizes["test"] == 2
     assert "1 repeated rows" in tests.attrs["reading"]
+
+
+def test_a_speed_in_knots_without_a_unit_is_refused(read):
+    rows = ("0,15.5,3e-3", "8,15.5,2e-3")
+    with refused(ps.TrialError, "speed", 1.94):
+        read(*rows, header="beta [deg],speed,Y'")
+    assert read(*rows, header="beta [deg],speed [kn],Y'").sizes["test"] == 2
+
+
+def test_the_speed_of_a_model_needs_its_scale(read):
+    rows = ("0,1.18,3e-3", "8,1.18,2e-3")
+    with refused(ps.TrialError, "scale.froude", 1.18):
+        read(*rows, header="beta [deg],speed [m/s],Y'")
+    for froude in (46.4, 1.0):
+        tests = read(*rows, header="beta [deg],speed [m/s],Y'", format={"scale": {"froude": froude}})
+        assert tests["u"].values[0] == pytest.approx(1.18 * np.sqrt(froude))
+
+
+@pytest.mark.parametrize("header", ["v [m/s],speed,Y'", "v [m/s],beta [deg],Y'"])
+def test_a_velocity_of_sway_is_no_speed(read, header):
+    with refused(ps.TrialError, "v"):
+        read("7.9,7.9,3e-3", "7.9,7.8,2e-3", header=header)
+    assert read("7.9,0,3e-3", "7.9,8,2e-3", header="V [m/s],beta [deg],Y'").sizes["test"] == 2
+
+
+def test_a_speed_of_zero_is_refused_without_a_warning(read):
+    with warnings.catch_warnings(), refused(ps.TrialError, "speed", 0):
+        warnings.simplefilter("error")
+        read("0,7.9,3e-3", "8,0,2e-3", header="beta [deg],speed,Y'")

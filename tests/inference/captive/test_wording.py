@@ -21,6 +21,15 @@ test_trial_errors = wording(
             ("speed [m],X'", ("8,1e-3",) * 2, {}, "the unit is one of m/s"),
             ("speed,X'", ("8,1e-3", "8,"), {}, "X lacks one; fill it in"),
             ("speed,X'", ("0.7,1e-3",) * 2, {}, "near the ship's nominal 7.97 m/s, found a median of 0.7 m/s"),
+            (
+                "speed,X'",
+                ("15.5,1e-3",) * 2,
+                {},
+                "found a median of 1.94 times the ship's nominal one, as in knots; write",
+            ),
+            ("speed,X'", ("1.2,1e-3",) * 2, {}, "as scale.froude in a format file .1: the ship itself"),
+            ("speed,X'", ("8,1e-3", "0,2e-3"), {}, "found a speed of 0; leave it out"),
+            ("v [m/s],X'", ("8,1e-3",) * 2, {}, "found v, which may be the velocity of sway; write U and beta"),
             ("speed,X'", ("8,1e-3",) * 2, {"format": {"frame": {"heading": "compass"}}}, "has no heading"),
             ("speed,N'", ("8,1e-3",) * 2, {"format": {"frame": {"reference": 3.0}}}, "needs Y'; add it"),
         ]

@@ -19,6 +19,11 @@ _RATIO = 5.0  # largest ratio, either way, of a measured force to that of a simi
 _REVOLUTIONS = 10.0  # largest ratio, either way, of the revolutions to the nominal ones
 _LEAST_RUDDER = np.deg2rad(1.0)  # a smaller largest rudder angle is probably a value in rad under deg
 _MOST_DRIFT = 0.4  # largest drift, v/u, that is compared
+_APART = 0.45  # difference of two forces of one motion over the larger, from which they contradict each other
+_MATTERS = 0.1  # the same, over the largest force of all tests
+_LEAST_DRAG = np.deg2rad(9.0)  # rudder angle whose resistance is beyond the noise
+_PUSHING = 0.8  # fraction of these tests with less resistance than on the straight course: X' is of another sign
+_SETTINGS = {"u", "n"}  # of a test, with which the resistance changes
 _SMALL = 1e-6  # prime motion that counts as none
 _DEGREES = float(np.rad2deg(1.0))
 
@@ -29,7 +34,8 @@ def check_captive_tests(tests: xr.Dataset, vessel: Vessel, path: object, beta: n
     ``tests`` are as from :func:`pymc_ship.read_captive`; ``beta`` is the drift angle as read [rad]. Drift and yaw rate
     are compared with the hull database where three tests vary one of them alone; the rudder is compared in sign.
     """
-    fault = _columns(tests) or _units(tests, vessel, beta) or _forces(tests, vessel)
+    fault = _columns(tests) or _units(tests, vessel, beta) or _contradictions(tests, vessel)
+    fault = fault or _forces(tests, vessel)
     if fault:
         raise TrialError(f"{path}: {fault}")
 
@@ -63,6 +69,28 @@ def _units(tests: xr.Dataset, vessel: Vessel, beta: np.ndarray) -> str:
     return ""
 
 
+def _contradictions(tests: xr.Dataset, vessel: Vessel) -> str:
+    """Forces of two tests of one motion, of which one has another sign or is the double of the other."""
+    names = [name for name in ("u", "v", "r", "delta", "n") if name in tests]
+    scale = {"u": vessel.particulars.nominal_speed, "v": vessel.particulars.nominal_speed}
+    scale |= {"r": vessel.particulars.nominal_speed / vessel.particulars.L}
+    motions = np.column_stack([tests[name].values / scale.get(name, 1.0) for name in names])
+    _, groups = np.unique(np.round(motions, 5), axis=0, return_inverse=True)
+    for group in np.flatnonzero(np.bincount(groups.ravel()) > 1):
+        at = np.flatnonzero(groups.ravel() == group)
+        for name in (name for name in ("Y", "N") if name in tests):
+            forces = tests[name].values
+            low, high = float(forces[at].min()), float(forces[at].max())
+            if high - low > max(_APART * np.abs(forces[at]).max(), _MATTERS * np.abs(forces).max()):
+                u, v, delta = (float(tests[key].values[at[0]]) for key in ("u", "v", "delta"))
+                drift, delta = np.rad2deg([np.arctan2(-v, u) + 0.0, delta])
+                return (
+                    f"tests of one motion have one force, found {name}' = {low:.3g} and {high:.3g} at beta = "
+                    f"{drift:.3g} deg, delta = {delta:.3g} deg; give beta, r and delta their signs, or leave out one."
+                )
+    return ""
+
+
 def _forces(tests: xr.Dataset, vessel: Vessel) -> str:
     u, v, r, delta = (tests[name].values for name in ("u", "v", "r", "delta"))
     ahead = (u > 0.0) & (np.abs(v) < _MOST_DRIFT * u) & (tests["n"].values > 0.0 if "n" in tests else u > 0.0)
@@ -79,9 +107,29 @@ def _forces(tests: xr.Dataset, vessel: Vessel) -> str:
         for name in (name for name in ("Y", "N") if name in tests):
             offset = float(tests[name].values[straight].mean()) if straight.size else 0.0
             forces[name] = tests[name].values[alone] - offset
-        if fault := check(forces, motion[quantity][alone], vessel):
+        fault = check(forces, motion[quantity][alone], vessel)
+        if fault := fault or (_resistance(tests, alone, straight) if quantity == "delta" else ""):
             return fault
     return ""
+
+
+def _resistance(tests: xr.Dataset, rudder: np.ndarray, straight: np.ndarray) -> str:
+    """X' of tests of the rudder beside that of the straight course at their speed and revolutions."""
+    if "X" not in tests:
+        return ""
+    more, X = [], tests["X"].values
+    for k in rudder[np.abs(tests["delta"].values[rudder]) > _LEAST_DRAG]:
+        same = [
+            np.isclose(tests[name].values[straight], tests[name].values[k], rtol=0.01) for name in _SETTINGS & {*tests}
+        ]
+        beside = straight[np.all(same, axis=0)]
+        more += [float(X[k] - X[beside].mean())] if beside.size else []
+    if len(more) < _FEWEST or np.mean(np.array(more) > 0.0) < _PUSHING:
+        return ""
+    return (
+        f"a rudder angle adds to the resistance, found X' greater by {max(more):.3g} than on the straight course; "
+        "X' is positive forward: change its sign."
+    )
 
 
 def _hull(vessel: Vessel, quantity: str, values: np.ndarray) -> dict[str, np.ndarray]:

@@ -11,6 +11,7 @@ import xarray as xr
 
 from pymc_ship.inference.captive.plausibility import check_captive_tests
 from pymc_ship.machine.errors import TrialError
+from pymc_ship.machine.toml import toml_table
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.columns import Column
@@ -20,8 +21,9 @@ from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, RADIAN_PER_SECOND, R
 
 FORCE_DOFS = {"X": "surge", "Y": "sway", "N": "yaw"}  # degree of freedom of each force
 FORCES = tuple(FORCE_DOFS)  # measured forces; a file has one of them or more
-_FROUDE = (0.1, 2.0)  # range of the median speed of captive tests over the nominal speed
-
+_SPEEDS = (0.1, 2.0)  # range of the median speed of captive tests over the nominal speed
+_OF_A_MODEL = 0.35  # the same, below which tests are probably of a model: 1/8 of the length, at its speed by Froude
+_KNOTS, _NEAR = 3600.0 / 1852.0, 0.05  # ratio of a speed in knots, read in m/s, and its largest relative error
 
 _MOTION = {
     "beta": (RADIAN, ("beta", "β", "drift", "drift angle")),
@@ -84,16 +86,14 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     bad = [name for name, values in quantities.items() if not np.isfinite(values).all()]
     if bad:
         raise TrialError(f"{path}: every captive test needs a number in each column, {bad[0]} lacks one; fill it in.")
+    if not quantities["U"].all():
+        raise TrialError(f"{path}: prime forces are over the square of the speed, found a speed of 0; leave it out.")
     if "r" in quantities and not columns["r"].unit:
         quantities["r"] = quantities["r"] * quantities["U"] / (vessel.particulars.L / layout.froude)
-    tests, nominal = _tests(quantities, layout, vessel), vessel.particulars.nominal_speed
-    ratio = float(np.median(np.hypot(tests["u"], tests["v"]))) / nominal
-    if not _FROUDE[0] < ratio < _FROUDE[1]:
-        raise TrialError(
-            f"{path}: captive tests are at speeds near the ship's nominal {nominal:.3g} m/s, found "
-            f"a median of {ratio * nominal:.3g} m/s; give the scale of the model as scale.froude in a format file, or "
-            "correct the unit."
-        )
+    tests = _tests(quantities, layout, vessel)
+    stated = format is not None and "froude" in toml_table(format, "The format", TrialError).at("scale", {})
+    ratio = float(np.median(np.hypot(tests["u"], tests["v"]))) / vessel.particulars.nominal_speed
+    _check_speed(ratio, columns["U"], vessel.particulars.nominal_speed, stated, path)
     check_captive_tests(tests, vessel, path, quantities.get("beta", np.zeros(1)))
     rows = np.column_stack([tests[name].values for name in tests])
     first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
@@ -102,11 +102,32 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     return tests.isel(test=first).assign_attrs(reading=reading, source=path.name)
 
 
+def _check_speed(ratio: float, column: Column, nominal: float, scaled: bool, path: Path) -> None:
+    """Raise TrialError for a median speed, over the nominal one, of another unit or scale."""
+    if not column.unit and abs(ratio / _KNOTS - 1.0) < _NEAR:
+        raise TrialError(
+            f"{path}, column {column.heading!r}: a speed without a unit is in m/s, found a median of {ratio:.3g} times "
+            "the ship's nominal one, as in knots; write speed [kn], or speed [m/s]."
+        )
+    slowest, fastest = _SPEEDS
+    if not (slowest if scaled else _OF_A_MODEL) < ratio < fastest:
+        raise TrialError(
+            f"{path}: captive tests are at speeds near the ship's nominal {nominal:.3g} m/s, found "
+            f"a median of {ratio * nominal:.3g} m/s; give the scale of the model as scale.froude in a format file (1: "
+            "the ship itself), or correct the unit."
+        )
+
+
 def _columns(table: TextTable, path: Path) -> dict[str, Column]:
     """Column of each quantity; TrialError if one is repeated, has a wrong unit or no force is measured."""
     columns: dict[str, Column] = {}
     for index, heading in enumerate(table.headings):
         name, unit = _name_and_unit(heading, table.units[index])
+        if name == "v":
+            raise TrialError(
+                f"{path}, column {heading!r}: captive tests have the speed of the carriage and the drift angle, found "
+                "v, which may be the velocity of sway; write U and beta."
+            )
         quantity = next((force for force in FORCES if name in (force, f"{force}'")), "")
         quantity = quantity or next((key for key, (_, headings) in _MOTION.items() if name.lower() in headings), "")
         if not quantity:
