@@ -120,3 +120,12 @@ def test_the_time_has_no_delay(tmp_path, run):
     folder = write(tmp_path / "run", run)
     with refused(TrialError, "delay"):
         ps.read_trial(folder, format={"columns": {"time": {"column": "time [s]", "delay": 1.0}}})
+
+
+def test_clocks_that_do_not_overlap_are_refused(tmp_path, run):
+    """A file of another time zone."""
+    folder = write(tmp_path / "run", run, stamps, "timestamp")
+    text = (folder / "rudder.csv").read_text("utf-8")
+    (folder / "rudder.csv").write_text(text.replace("T23:", "T21:").replace("-02T00:", "-01T22:"), "utf-8")
+    with refused(TrialError, "rudder.csv", "gps.csv"):
+        ps.read_trial(folder)

@@ -181,3 +181,11 @@ def test_the_typical_step_bears_gaps_and_repeated_stamps():
     every = np.arange(2000) * STEP
     assert typical_step(np.delete(every, np.arange(500, 900))) == pytest.approx(STEP)
     assert typical_step(np.round(every)) == pytest.approx(STEP, rel=0.05)
+
+
+def test_a_record_whose_newest_row_is_first_is_reversed():
+    time = np.arange(200.0)
+    found, channels, notes = regularised(time[::-1], {"u": np.cos(0.01 * time)[::-1]})
+    assert notes == ["The newest row is first: rows taken in reverse."]
+    np.testing.assert_array_equal(found, time)
+    np.testing.assert_array_equal(channels["u"], np.cos(0.01 * time))

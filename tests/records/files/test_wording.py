@@ -74,8 +74,19 @@ def of_minutes(read):
     read("Time;u;psi\n" + "".join(f"08:{k // 9:02d};7;0.1\n" for k in range(300)))
 
 
+def of_two_clocks(tmp_path):
+    for name, begin in (("u", 0), ("psi", 3600)):
+        text = "".join(f"{begin + k},{k}\n" for k in range(9))
+        (tmp_path / f"{name}.csv").write_text(f"time [s],{name}\n{text}")
+    ps.read_trial(tmp_path)
+
+
 test_trial_errors = wording(
     ps.TrialError,
+    (
+        r"psi.csv: the clocks .* overlap, found its first row 3600 s after that of u.csv, which ends before; set both",
+        of_two_clocks,
+    ),
     (
         r"column 'Time': .*, found '08:00' and none that show it; state it, \[columns\] time = \{ column",
         of_minutes,

@@ -284,8 +284,9 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
 def _in_order(
     time: np.ndarray, quantum: np.ndarray, channels: dict[str, np.ndarray], begins: Mapping[str, int]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Rows of several files in the order of time; TrialError where the time of one goes back."""
+    """Rows of several files in the order of time; TrialError where one goes back, or ends before another begins."""
     bounds = [*begins.values(), time.size]
+    spans: dict[str, tuple[float, float]] = {}
     for name, begin, end in zip(begins, bounds[:-1], bounds[1:], strict=True):
         steps = np.diff(time[begin:end][np.isfinite(time[begin:end])])
         if (steps < 0.0).any():
@@ -293,8 +294,23 @@ def _in_order(
                 f"{name}: the time of a file that is joined to others must not go back, found a step of "
                 f"{steps.min():.4g} s; mend its clock, or take the file out of the folder."
             )
+        if np.isfinite(time[begin:end]).any():
+            spans[name] = float(np.nanmin(time[begin:end])), float(np.nanmax(time[begin:end]))
+    _check_overlap(spans)
     order = np.argsort(time, kind="stable")
     return time[order], quantum[order], {name: values[order] for name, values in channels.items()}
+
+
+def _check_overlap(spans: Mapping[str, tuple[float, float]]) -> None:
+    """Raise TrialError if a file begins [s] after another ends."""
+    late = max(spans, key=lambda name: spans[name][0], default="")
+    early = min(spans, key=lambda name: spans[name][1], default="")
+    if late and spans[late][0] > spans[early][1]:
+        apart = spans[late][0] - spans[early][0]
+        raise TrialError(
+            f"{late}: the clocks of the files of a run overlap, found its first row {apart:.4g} s after "
+            f"that of {early}, which ends before; set both to one clock, such as one time zone."
+        )
 
 
 def _table_of_series(columns: Columns, notes: list[str]) -> TextTable:

@@ -64,7 +64,7 @@ def regular(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: st
         notes.append(f"{_count((~keep).sum(), 'row')} without a time left out.")
         time, quantum, channels = _rows(keep, time, quantum, channels)
     left = 1.0
-    for step in (_increasing, without_repeated_rows, on_one_base, _fill_short_gaps, _longest_piece):
+    for step in (_newest_last, _increasing, without_repeated_rows, on_one_base, _fill_short_gaps, _longest_piece):
         if time.size < 2:
             break
         time, quantum, channels, note = step(time, quantum, channels)
@@ -86,6 +86,13 @@ def _count(number: int, noun: str) -> str:
 
 def _rows(keep: np.ndarray | slice, time: np.ndarray, quantum: np.ndarray, channels: Channels) -> Rows:
     return time[keep], quantum[keep], {name: values[keep] for name, values in channels.items()}
+
+
+def _newest_last(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
+    """Rows in reverse order where most stamps are before the stamp of the row above."""
+    if not (np.diff(time) < 0.0).mean() > 0.5:
+        return time, quantum, channels, []
+    return *_rows(slice(None, None, -1), time, quantum, channels), ["The newest row is first: rows taken in reverse."]
 
 
 def _increasing(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
