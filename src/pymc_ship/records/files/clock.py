@@ -60,7 +60,8 @@ def clock_of_text(cells: Sequence[str], lines: Sequence[int], column: Column, ch
     decimals = max((len(digits) for cell in cells for digits in _DECIMALS.findall(cell)), default=0)
     time, quantum = np.full(len(cells), np.nan), np.full(len(cells), 10.0**-decimals)
     stamps = [cells[k] for k in known]
-    unit, unit_notes = "s", []
+    unit_notes: list[str] = []
+    unit = "s"
     if not _TIME_OF_DAY.fullmatch(stamps[0]):
         unit = "min" if all(map(_WITHOUT_SECONDS.search, stamps)) else "s"
         seconds, kind, first, period = _dates(stamps)

@@ -218,10 +218,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     check_size(path, [max(map(text.count, "\n\r"))])
     lines = re.split(r"\r\n|\n|\r", text)
     if log := nmea_columns(lines, path):
-        read, units_of, log_notes = log
-        known = [units_of.get(name, "") for name in read]
-        table = _table_of_columns(list(read), known, list(read.values()), log_notes)
-        return replace(table, rudder_positive="starboard", shows_axes=True)
+        return _table_of_log(*log)
     skipped = layout.skip_rows
     numbered = [(number, line) for number, line in enumerate(lines, 1) if number > skipped and line.strip()]
     comments = [(number, line) for number, line in numbered if line.lstrip().startswith(_COMMENTS)]
@@ -320,6 +317,12 @@ def _table_of_series(columns: Columns, notes: list[str]) -> TextTable:
         units = [column[0].strip(_AROUND_UNITS) for column in cells]
         cells = [column[1:] for column in cells]
     return _table_of_columns([one.heading for one in columns], units, cells, notes)
+
+
+def _table_of_log(cells: dict[str, list[str]], units: dict[str, str], notes: list[str]) -> TextTable:
+    """Table of a log of NMEA 0183, which counts the rudder positive to starboard."""
+    table = _table_of_columns(list(cells), [units.get(name, "") for name in cells], list(cells.values()), notes)
+    return replace(table, rudder_positive="starboard", shows_axes=True)
 
 
 def _table_of_columns(headings: list[str], units: list[str], columns: list[list[str]], notes: list[str]) -> TextTable:
