@@ -113,7 +113,10 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
         ("simulate container --zigzag 20/20 --turn 35 --out {out}", "not allowed with argument --zigzag"),
         ("simulate container --out {out}", "one of the arguments --zigzag --turn --pull-out --programme is required"),
         ("simulate container --turn 35 --step 0 --out {out}", "The step must be a positive number, found 0.0 s"),
-        ("simulate container --turn 35 --duration nan --out {out}", "The duration must be a positive number, found nan s"),
+        (
+            "simulate container --turn 35 --duration nan --out {out}",
+            "The duration must be a positive number, found nan s",
+        ),
         ("simulate container --turn 35 --duration 0.02 --out {out}", "two samples or more, found 1"),
         (
             "simulate container --turn 35 --duration 1e13 --out {out}",

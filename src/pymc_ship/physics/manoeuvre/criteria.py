@@ -40,7 +40,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
         return []
     index_draws, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
     running = ~tree["trajectories"].to_dataset()["diverged"].values
-    duration = float(tree["trajectories"]["time"].values[-1])
+    duration = float(tree["trajectories"].to_dataset()["time"].values[-1])
     needed = kind_named(index_draws.attrs["manoeuvre"]).reach * vessel.particulars.ship_time
     cap = tree.attrs.get("calibration_cap", 1.0)
     rows = []

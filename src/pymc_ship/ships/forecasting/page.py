@@ -264,7 +264,7 @@ def unreached_sentence(tree: xr.DataTree) -> str:
     words = {name: str(name).replace("_", " ") for name in fractions}
     none = [words[name] for name, fraction in fractions.items() if fraction == 0.0]
     some = [f"{words[name]} ({rounded_percent(f)} of the draws)" for name, f in fractions.items() if 0.0 < f < 1.0]
-    within = f"Within {tree['trajectories']['time'].values[-1]:.4g} s"
+    within = f"Within {tree['trajectories'].to_dataset()['time'].values[-1]:.4g} s"
     sentences = [f"{within} not every draw reaches, and the interval is of those that do: {', '.join(some)}."]
     return " ".join([*sentences[: len(some)], *([f"{within} no draw reaches: {', '.join(none)}."] if none else [])])
 
