@@ -263,10 +263,12 @@ def unreached_sentence(tree: xr.DataTree) -> str:
     fractions = {name: float(np.isfinite(draws[name]).mean()) for name in draws if not needs_roll(kinds[str(name)])}
     words = {name: str(name).replace("_", " ") for name in fractions}
     none = [words[name] for name, fraction in fractions.items() if fraction == 0.0]
-    some = [f"{words[name]} ({rounded_percent(f)} of the draws)" for name, f in fractions.items() if 0.0 < f < 1.0]
+    some = [f"{words[name]} ({100.0 * f:.3g} % of the draws)" for name, f in fractions.items() if 0.0 < f < 1.0]
     within = f"Within {tree['trajectories'].to_dataset()['time'].values[-1]:.4g} s"
-    sentences = [f"{within} not every draw reaches, and the interval is of those that do: {', '.join(some)}."]
-    return " ".join([*sentences[: len(some)], *([f"{within} no draw reaches: {', '.join(none)}."] if none else [])])
+    sentences = (
+        [f"{within} not all draws reach: {', '.join(some)}; the intervals are of those that do."] if some else []
+    )
+    return " ".join([*sentences, *([f"{within} no draw reaches: {', '.join(none)}."] if none else [])])
 
 
 def verdict_rows(name: str, tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:
