@@ -149,9 +149,12 @@ test_errors_of_rows = wording(
         )
         for what in ("time", "run")
     ),
-    (
-        "^The table and the time must have one index, found two",
-        lambda frame: ps.RegressionData.from_formula("Y ~ v", frame, time=frame["r"].iloc[::-1]),
+    *(
+        (
+            f"^The table and the {what} must have one index, found two",
+            lambda frame, what=what: ps.RegressionData.from_formula("Y ~ v", frame, **{what: frame["r"].iloc[::-1]}),
+        )
+        for what in ("time", "run")
     ),
     *(
         (

@@ -160,11 +160,72 @@ def test_draws_are_taken_by_their_labels(variable, dim):
     np.testing.assert_array_equal(found["local_scale"].sel(coefficient=names[0]), 2.0 * values[..., 0])
 
 
-def test_rows_are_taken_by_their_labels():
-    """Labels of another table than the data are no rows of theirs."""
-    posterior, order = sampled()["posterior"].to_dataset(), np.arange(DATA.n_rows)[::-1]
+def tree_of_rows(labels, observed=None):
+    """Draws whose log likelihood counts its rows, with labels of these and of the observed rows."""
     values = np.broadcast_to(np.arange(DATA.n_rows, dtype=float), (4, 500, DATA.n_rows))
-    for labels, expected in ((order, values[..., ::-1]), (order + 7, values)):
-        rows = xr.Dataset({"y": (("chain", "draw", "obs_id"), values)}, {"obs_id": labels})
-        tree = posterior_tree(xr.DataTree.from_dict({"posterior": posterior, "log_likelihood": rows}), DATA)
-        np.testing.assert_array_equal(tree["log_likelihood"]["response"], expected)
+    groups = {"posterior": sampled()["posterior"].to_dataset()}
+    groups["log_likelihood"] = xr.Dataset({"y": (("chain", "draw", "obs_id"), values)}, {"obs_id": labels})
+    if observed is not None:
+        groups["observed_data"] = xr.Dataset({"y": ("obs_id", DATA.response)}, {"obs_id": observed})
+    return xr.DataTree.from_dict(groups)
+
+
+ROWS = np.arange(DATA.n_rows)
+
+
+@pytest.mark.parametrize(
+    ("labels", "observed", "expected"),
+    [
+        (ROWS[::-1], ROWS, ROWS[::-1]),
+        (ROWS[::-1], ROWS[::-1], ROWS),
+        (np.roll(ROWS, 7), ROWS[::-1], [list(np.roll(ROWS, 7)).index(label) for label in ROWS[::-1]]),
+        (ROWS + 7, ROWS, ROWS),
+        (ROWS + 7, None, ROWS),
+    ],
+)
+def test_rows_are_taken_by_the_labels_of_the_observed_rows(labels, observed, expected):
+    """Labels of another table than the data are no rows of theirs."""
+    tree = posterior_tree(tree_of_rows(labels, observed), DATA)
+    np.testing.assert_array_equal(tree["log_likelihood"]["response"][0, 0], expected)
+
+
+def test_rows_of_a_model_keep_its_order():
+    """Of a table whose index was shuffled, for example."""
+    with pm.Model(coords={"row": ROWS[::-1]}) as model:
+        b = pm.Normal("coefficients", 0.0, 10.0, shape=DATA.n_terms)
+        pm.Normal("y", pm.math.dot(DATA.design_matrix, b), 1.0, observed=DATA.response, dims="row")
+    draws = xr.Dataset({"coefficients": (("chain", "draw", "term"), np.ones((1, 2, DATA.n_terms)))})
+    tree = posterior_tree(xr.DataTree.from_dict({"posterior": draws}), DATA, model, rng=1)
+    residual = DATA.response - DATA.design_matrix.sum(axis=1)
+    density = -0.5 * (np.log(2.0 * np.pi) + residual**2)
+    np.testing.assert_allclose(tree["log_likelihood"]["response"][0, 0], density)
+
+
+def draws_over(**labels):
+    values = np.broadcast_to([1.0, 3.0], (2, 4, 2))
+    posterior = xr.Dataset({"coefficients": (("chain", "draw", "term"), values)}, labels)
+    return xr.DataTree.from_dict({"posterior": posterior})
+
+
+def test_numbers_may_be_names():
+    """Names that count the terms in another order are names as texts, and ambiguous as numbers."""
+    data = ps.RegressionData.from_arrays(DATA.design_matrix[:, 1:3], DATA.response, ["1", "0"])
+    named = posterior_tree(draws_over(term=["0", "1"]), data)["posterior"]["coefficients"]
+    assert named[0, 0].to_series().to_dict() == {"1": 3.0, "0": 1.0}
+    for labels in ({"term": [0, 1]}, {}):
+        with refused(ValueError, "coefficients", 0, 1):
+            posterior_tree(draws_over(**labels), data)
+
+
+@pytest.mark.parametrize("name", ["design_matrix", "observed_response"])
+def test_data_that_the_model_no_longer_has_are_refused(name):
+    tree = ps.exact_posterior(DATA, PRIOR, draws=8, rng=1)
+    with pymc_model(DATA, PRIOR) as model, refused(ValueError, "response" if "response" in name else name):
+        pm.set_data({name: 0.0 * model[name].get_value()})
+        posterior_tree(tree, DATA, model, rng=1)
+
+
+def test_a_tree_of_another_design_is_refused():
+    other = ps.RegressionData.from_arrays(DATA.design_matrix * [1, 1, 1, 1, 9], DATA.response, DATA.coefficients)
+    with refused(ValueError, "design_matrix"):
+        posterior_tree(ps.exact_posterior(DATA, PRIOR, draws=8, rng=1), other)

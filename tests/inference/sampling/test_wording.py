@@ -28,7 +28,7 @@ from pymc_ship.inference.sampling.trajectory_model import (
 from pymc_ship.machine.errors import FitError, InferenceError
 from tests.inference.rows.frames import motion
 from tests.inference.sampling.cases import regression
-from tests.inference.sampling.test_from_pymc import DATA, plain_model, sampled
+from tests.inference.sampling.test_from_pymc import DATA, ROWS, plain_model, sampled, tree_of_rows
 from tests.inference.sampling.test_gibbs import case
 from tests.inference.sampling.test_hierarchical_model import PRIOR, data_of
 from tests.inference.sampling.test_predictive import tree_of
@@ -137,6 +137,14 @@ test_value_errors = wording(
     (
         "^The observed variable y must be the response of the data, found 60 other values; give the data",
         lambda: tree_with(observed_data=xr.Dataset({"y": ("row", DATA.response[::-1])})),
+    ),
+    (
+        "^The design_matrix must be that of the data, .*, found another one; give",
+        lambda: tree_with(constant_data=xr.Dataset({"design_matrix": (("row", "term"), np.zeros((60, 5)))})),
+    ),
+    (
+        "^Rows in the order of the data are numbered from 0 up, found another order in log_likelihood and no obs",
+        lambda: posterior_tree(tree_of_rows(ROWS[::-1]), DATA),
     ),
     (
         "found 'cauchy'",

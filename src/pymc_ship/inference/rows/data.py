@@ -64,7 +64,14 @@ class RegressionData:
 
     @classmethod
     def from_formula(
-        cls, formula: str, frame: Any, *, scaling: str = "zscore", time: np.ndarray | None = None, **labels: str
+        cls,
+        formula: str,
+        frame: Any,
+        *,
+        scaling: str = "zscore",
+        time: np.ndarray | None = None,
+        run: Sequence[str] | np.ndarray | None = None,
+        **labels: str,
     ) -> RegressionData:
         """Regression data from a formula of Bambi (doi:10.18637/jss.v103.i15) and a table of its variables.
 
@@ -76,7 +83,7 @@ class RegressionData:
             Such as ``"Y ~ v + r + v:r + I(delta**2)"``; ``0 +`` removes the intercept.
         frame : DataFrame
             Without gaps in the columns of the formula.
-        scaling, time, **labels
+        scaling, time, run, **labels
             As :meth:`from_arrays`.
 
         Raises
@@ -85,8 +92,11 @@ class RegressionData:
             Without formulae, for a formula with group-level terms or that does not fit, and as :meth:`from_arrays`.
         """
         design_matrix, response, parsed_formula = formula_rows(formula, frame)
-        check_same_rows(frame, time, "time")
-        data = cls.from_arrays(design_matrix, response, parsed_formula.names, scaling=scaling, time=time, **labels)
+        given: dict[str, Any] = {"time": time, "run": run}
+        for what, column in given.items():
+            check_same_rows(frame, column, what)
+        names = parsed_formula.names
+        data = cls.from_arrays(design_matrix, response, names, scaling=scaling, **given, **labels)
         return replace(data, formula=parsed_formula)
 
     @classmethod

@@ -11,13 +11,14 @@ import xarray as xr
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.regression.tree import data_groups, rng_state, tree_attrs
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS
+from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, is_equal
 from pymc_ship.machine.seeds import Seed, random_generator
 
 if TYPE_CHECKING:
     import pymc as pm
 
 OWN = "own"  # family of a prior that the package does not know
+_DATA = ("observed_data", "constant_data")
 _SAMPLE = ("chain", "draw")
 _BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
 _COPIED_GROUPS = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
@@ -58,22 +59,25 @@ def posterior_tree(
     Raises
     ------
     ValueError
-        For a tree without the coefficients, rows or response of the data, a model with several observed variables, or
-        a model without ``rng``.
+        For a tree or a model without the coefficients, rows, response or ``design_matrix`` of the data, a model with
+        several observed variables, or a model without ``rng``.
     """
     rng = None if rng is None else random_generator(rng)
     if prior is not None:
         check_prior(prior)
     groups = {name: node.to_dataset() for name, node in sampled.children.items() if name in _COPIED_GROUPS}
     groups["posterior"] = _posterior(groups.get("posterior", xr.Dataset()), data)
-    _check_response(sampled, data)
+    labels = _row_labels(sampled, data)
+    if labels is None:
+        _check_order(groups, data)
+    groups = {name: _named_rows(group, name, data, labels) for name, group in groups.items()}
     state = "" if rng is None else rng_state(rng)
     if model is not None:
         if rng is None:
             raise ValueError("Predictive draws of a model need a generator, found none; give rng.")
-        groups = _from_model(groups, model, int(rng.integers(2**31))) | groups
+        computed = _from_model(groups, model, data, int(rng.integers(2**31)))
+        groups = {name: _named_rows(group, name, data, None) for name, group in computed.items()} | groups
         groups = {name: _posterior(group, data) if name == "prior" else group for name, group in groups.items()}
-    groups = {name: _named_rows(group, name, data) for name, group in groups.items()}
     hyperparameters = {"family": OWN} if prior is None else prior.hyperparameters()
     root = xr.Dataset(attrs=tree_attrs(data, hyperparameters, "nuts", state))
     return xr.DataTree.from_dict({"/": root, **groups, **data_groups(data)})
@@ -88,14 +92,15 @@ def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
             f"{', '.join(map(str, group.data_vars)) or 'no variable'}; add pm.Deterministic('coefficients', ...)."
         )
     names, dim = list(data.coefficients), group[variable].transpose(*_SAMPLE, ...).dims[-1]
-    labels = [str(name) for name in group[dim].values]
-    if labels != [str(k) for k in range(data.n_terms)]:
-        if sorted(labels) != sorted(names):
-            raise ValueError(
-                f"The posterior must have the coefficients of the data, {', '.join(names)}, found {', '.join(labels)}; "
-                "give the data that the model was fitted to, or its names to the model."
-            )
+    labels, positions = [str(name) for name in group[dim].values], [str(k) for k in range(data.n_terms)]
+    counted = labels == positions and group[dim].dtype.kind in "iu"  # PyMC counts terms without names
+    if sorted(labels) == sorted(names) and (names == labels or not counted):
         group = group.isel({dim: [labels.index(name) for name in names]})
+    elif labels != positions or sorted(labels) == sorted(names):
+        raise ValueError(
+            f"The posterior must have the coefficients of the data, {', '.join(names)}, found {', '.join(labels)}; "
+            "give the data that the model was fitted to, or its names to the model."
+        )
     draws = group[variable].transpose(*_SAMPLE, dim).to_numpy()
     values = draws if variable == "coefficients" else data.to_original(draws)
     renamed = group.rename({} if dim == "coefficient" else {dim: "coefficient"}).assign_coords(coefficient=names)
@@ -104,23 +109,57 @@ def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
     return renamed.assign(coefficients=((*_SAMPLE, "coefficient"), values))
 
 
-def _check_response(sampled: xr.DataTree, data: RegressionData) -> None:
-    """Raise ValueError unless the one observed variable is the response, on a scale of any unit and centre."""
-    observed = sampled["observed_data"].dataset if "observed_data" in sampled.children else xr.Dataset()
-    for name, values in observed.items() if len(observed.data_vars) == 1 else ():
-        y = values.to_numpy().ravel().astype(float)
-        if y.size == data.n_rows:
-            line = np.column_stack([np.ones(y.size), data.response])
-            residual = y - line @ np.linalg.lstsq(line, y)[0]
-            if np.abs(residual).max() <= 1e-6 * np.abs(y).max():
-                continue
+def _row_labels(sampled: xr.DataTree, data: RegressionData) -> np.ndarray | None:
+    """Labels of the rows of the data by the observed_data; ValueError unless a tree is of these data."""
+    groups = {name: sampled[name].dataset if name in sampled.children else xr.Dataset() for name in _DATA}
+    observed, constants = groups.values()
+    if "design_matrix" in constants:
+        _check_design(constants["design_matrix"].to_numpy(), data)
+    if len(observed.data_vars) != 1:
+        return None
+    name, values = next(iter(observed.items()))
+    _check_response(str(name), values.to_numpy(), data)
+    return values[values.dims[0]].to_numpy() if values.ndim == 1 else None
+
+
+def _check_order(groups: dict[str, xr.Dataset], data: RegressionData) -> None:
+    """Raise ValueError for rows numbered in another order, which may be numbers of the data or of a user's table."""
+    for name in set(_BY_ROW) & set(groups):
+        for dim in set(groups[name].dims) - set(_SAMPLE):
+            found, rows = groups[name][dim].to_numpy(), np.arange(data.n_rows)
+            if not np.array_equal(found, rows) and np.array_equal(np.sort(found), rows):
+                raise ValueError(
+                    f"Rows in the order of the data are numbered from 0 up, found another order in {name} and no "
+                    "observed_data that shows it; give the observed_data of pm.sample, or sort the rows."
+                )
+
+
+def _check_response(name: str, observed: np.ndarray, data: RegressionData) -> None:
+    """Raise ValueError unless observed values are the response, on a scale of any unit and centre."""
+    y = observed.ravel().astype(float)
+    if y.size == data.n_rows:
+        line, response = np.column_stack([np.ones(y.size), y]), data.response
+        residual = response - line @ np.linalg.lstsq(line, response)[0]
+        if np.abs(residual).max() <= 1e-6 * np.ptp(response) + 1e-12 * np.abs(response).max():
+            return
+    raise ValueError(
+        f"The observed variable {name} must be the response of the data, found {y.size} other values; give the "
+        "data that the model was fitted to."
+    )
+
+
+def _check_design(found: np.ndarray, data: RegressionData) -> None:
+    """Raise ValueError unless a matrix is the design of the data, as given or scaled."""
+    if not any(is_equal(design, found) for design in (data.design_matrix, data.scaled_design_matrix)):
         raise ValueError(
-            f"The observed variable {name} must be the response of the data, found {y.size} other values; give the "
-            "data that the model was fitted to."
+            "The design_matrix must be that of the data, as given or scaled, found another one; give the data that "
+            "the model was fitted to."
         )
 
 
-def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> dict[str, xr.Dataset]:
+def _from_model(
+    groups: dict[str, xr.Dataset], model: pm.Model, data: RegressionData, seed: int
+) -> dict[str, xr.Dataset]:
     """Groups computed by PyMC from a model and its draws."""
     import pymc as pm
 
@@ -130,6 +169,9 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
             f"A regression has one observed variable, found {', '.join(observed) or 'none'}; give the groups of such a "
             "model in the tree and omit the model."
         )
+    _check_response(observed[0], model.rvs_to_values[model.observed_RVs[0]].eval(mode="FAST_COMPILE"), data)
+    if "design_matrix" in {variable.name for variable in model.data_vars}:
+        _check_design(model["design_matrix"].get_value(), data)
     draws = xr.DataTree.from_dict({"posterior": groups["posterior"]})
     fast_compile = {"compile_kwargs": {"mode": "FAST_COMPILE"}}  # compiling takes a minute and saves seconds
     options, log = fast_compile | {"progressbar": False}, logging.getLogger("pymc")
@@ -148,8 +190,11 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
     return {"log_likelihood": likelihood, "log_prior": prior, **groups_of_draws}
 
 
-def _named_rows(group: xr.Dataset, name: str, data: RegressionData) -> xr.Dataset:
-    """Group of values by row, in the order of the data, with its one variable renamed ``response``."""
+def _named_rows(group: xr.Dataset, name: str, data: RegressionData, labels: np.ndarray | None) -> xr.Dataset:
+    """Group of values by row, in the order of the data, with its one variable renamed ``response``.
+
+    ``labels`` are those of the rows of the data, if other than the order of the group is known.
+    """
     if name not in _BY_ROW or len(group.data_vars) != 1:
         return group
     values = next(iter(group.data_vars.values())).transpose(*_SAMPLE, ...)
@@ -159,7 +204,8 @@ def _named_rows(group: xr.Dataset, name: str, data: RegressionData) -> xr.Datase
             f"{data.n_rows} rows; give the data that the model was fitted to."
         )
     rows, dim = np.arange(data.n_rows), values.dims[-1]
-    if np.array_equal(np.sort(values[dim].values), rows):  # else the labels are those of the user's table
-        values = values.sortby(dim)
+    found = values[dim].to_numpy()
+    if labels is not None and not np.array_equal(found, labels) and sorted(found) == sorted(labels):
+        values = values.isel({dim: np.argsort(found)[np.argsort(np.argsort(labels))]})
     coords = {dim: group[dim].values for dim in _SAMPLE} | {"row": rows}
     return xr.Dataset({"response": ((*_SAMPLE, "row"), values.to_numpy())}, coords)

@@ -168,7 +168,7 @@ def _check_fitted(tree: xr.DataTree, data: RegressionData) -> None:
         for group, name in (("observed_data", "response"), ("constant_data", "design_matrix"))
         if group in tree.children and name in tree[group]
     }
-    others = [name for name, values in stored.items() if not _is_equal(getattr(free, name), values)]
+    others = [name for name, values in stored.items() if not is_equal(getattr(free, name), values)]
     if others or not stored:
         fault = f"another {' and '.join(others)}".replace("_", " ") if stored else "no observed_data"
         raise ValueError(
@@ -176,7 +176,7 @@ def _check_fitted(tree: xr.DataTree, data: RegressionData) -> None:
         )
 
 
-def _is_equal(values: np.ndarray, others: np.ndarray) -> bool:
+def is_equal(values: np.ndarray, others: np.ndarray) -> bool:
     """Whether two arrays agree to rounding, relative to the largest value."""
     if values.shape != others.shape:
         return False
