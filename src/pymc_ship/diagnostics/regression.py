@@ -14,8 +14,7 @@ from pymc_ship.diagnostics.posterior_statistics import CI_PROB, SD_LIMIT, TAILS,
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.sampling.error_laws import errors_of
-from pymc_ship.inference.sampling.from_pymc import OWN
+from pymc_ship.inference.sampling.error_laws import OWN, errors_of, known_errors_of
 from pymc_ship.inference.sampling.predictive import predictive, prior_draws
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
@@ -65,8 +64,8 @@ def required_variables(tree: xr.DataTree, *wanted: str) -> tuple[str, ...]:
 
 
 def required_to_predict(tree: xr.DataTree) -> tuple[str, ...]:
-    """Variables for predictions; of a model with its own prior the predictions themselves."""
-    if prior_of(tree) is None:
+    """Variables for predictions; of a model with its own prior or errors the predictions themselves."""
+    if prior_of(tree) is None or errors_of(tree) == OWN:
         return (*DESIGN, "prior_predictive/response", "posterior_predictive/response")
     return required_variables(tree)
 
@@ -171,7 +170,7 @@ def with_posterior_predictive(tree: xr.DataTree, rng: np.random.Generator) -> xr
     """The posterior with posterior_predictive, drawn from its draws and design where it has none."""
     if has(tree, "posterior_predictive/response"):
         return tree
-    drawn = predictive(data_of(tree), tree["posterior"].to_dataset(), rng=rng, errors=errors_of(tree))
+    drawn = predictive(data_of(tree), tree["posterior"].to_dataset(), rng=rng, errors=known_errors_of(tree))
     groups = {name: node.to_dataset() for name, node in tree.children.items()}
     return xr.DataTree.from_dict({"/": tree.to_dataset(), **groups, "posterior_predictive": drawn})
 
@@ -194,7 +193,7 @@ def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: in
 def prior_predictive_ratio(tree: xr.DataTree, rng: np.random.Generator, draws: int = 400) -> np.ndarray:
     """Root mean square of the response under prior draws over that of the record, 5, 50 and 95 %, shape (3,)."""
     data, errors, prior = data_of(tree), errors_of(tree), prior_of(tree)
-    if prior is None:
+    if prior is None or errors == OWN:
         response = tree["prior_predictive"].dataset["response"].values[0]
     else:
         parameters = prior_draws(data, prior, draws, rng=rng, errors=errors)

@@ -1,15 +1,17 @@
+from dataclasses import replace
 from functools import cache
 from statistics import NormalDist
 
 import arviz as az
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import linalg, stats
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.sampling.error_laws import ERRORS
+from pymc_ship.inference.sampling.error_laws import ERRORS, draw_errors, log_likelihood
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
 from tests.inference.sampling.cases import N_TERMS, POWER, hyperparameters, log_volume, regression, scaled_parameters
 
@@ -274,3 +276,32 @@ def test_the_sampler_of_pymc_agrees():
     tree = ar1_case(sampler="pymc")
     z, limit = z_scores(tree, exact_ar1(simulated_rows("ar1", 0.8, 3), ConjugatePrior(**hyperparameters())), NAMES)
     assert z.max() < limit
+
+
+def two_runs():
+    data = regression("tall")
+    return replace(data, run=np.repeat(["a", "b"], [25, 35]), time=np.r_[0.0:25.0, 7.0:42.0])
+
+
+def test_ar1_begins_anew_with_each_run():
+    """In the log likelihood and in the model."""
+    data = two_runs()
+    model = pymc_model(data, ConjugatePrior(), "ar1")
+    wanted = model.replace_rvs_by_values([model[name] for name in NAMES])
+    density = model.logp(vars=[model["response"]], sum=False)
+    values = model.compile_fn([*density, *wanted], inputs=model.value_vars, mode="FAST_COMPILE")
+    start = model.initial_point()
+    rows, b, variance, rho = values(start | {"autocorrelation_interval__": np.array(1.2)})
+    residual = data.response - data.design_matrix @ b
+    for run in (slice(0, 25), slice(25, 60)):
+        assert rows[run].sum() == pytest.approx(log_rows("ar1", residual[run], variance, rho))
+    draw = {"coefficients": (("chain", "draw", "coefficient"), b[None, None])}
+    draw |= {"noise_variance": (("chain", "draw"), [[variance]]), "autocorrelation": (("chain", "draw"), [[rho]])}
+    assert log_likelihood(data, "ar1", xr.Dataset(draw))[0, 0] == pytest.approx(rows)
+
+
+def test_drawn_ar1_errors_begin_anew_with_each_run():
+    sd, rho = np.ones(4000), np.full(4000, 0.9)
+    errors = draw_errors(two_runs(), "ar1", np.random.default_rng(1), sd, rho)
+    between = [np.corrcoef(errors[:, k - 1], errors[:, k])[0, 1] for k in (24, 25, 26)]
+    assert between == pytest.approx([0.9, 0.0, 0.9], abs=0.08)

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.sampling.error_laws import ERRORS, errors_of
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
 from tests.inference.sampling.cases import hyperparameters, regression
@@ -229,3 +230,42 @@ def test_a_tree_of_another_design_is_refused():
     other = ps.RegressionData.from_arrays(DATA.design_matrix * [1, 1, 1, 1, 9], DATA.response, DATA.coefficients)
     with refused(ValueError, "design_matrix"):
         posterior_tree(ps.exact_posterior(DATA, PRIOR, draws=8, rng=1), other)
+
+
+def own_prior(data, given):
+    variance = pm.InverseGamma("scaled_noise_variance", 3.0, 2.0)
+    return pm.Normal("scaled_coefficients", 0.0, 1.0, **given), variance
+
+
+@cache
+def tree_of_law(errors, with_model=True):
+    """A tree with draws of a custom prior, as its posterior."""
+    with pymc_model(DATA, own_prior, errors) as model:
+        drawn = pm.sample_prior_predictive(20, random_seed=1, compile_kwargs={"mode": "FAST_COMPILE"})
+    groups = xr.DataTree.from_dict(
+        {"posterior": drawn["prior"].dataset, "observed_data": drawn["observed_data"].dataset}
+    )
+    return posterior_tree(groups, DATA, model if with_model else None, rng=1)
+
+
+@pytest.mark.parametrize("errors", ["normal", "student_t", "ar1"])
+def test_the_law_of_the_errors_is_known_by_the_log_likelihood(errors):
+    """Whatever the prior: predictions follow it."""
+    tree, law = tree_of_law(errors), ERRORS[errors]
+    assert errors_of(tree) == errors
+    predicted, posterior = ps.predict(tree, DATA.design_matrix, rng=3), tree["posterior"].dataset
+    parameter = posterior[law.parameter].values if law.parameter else None
+    drawn = law.draw_errors(np.random.default_rng(3), np.sqrt(posterior["noise_variance"].values), parameter, 60)
+    np.testing.assert_allclose(predicted["response"] - predicted["expected"], drawn, atol=1e-9)
+
+
+@pytest.mark.parametrize("tree", [lambda: tree_of_law(laplace), lambda: tree_of_law("student_t", with_model=False)])
+def test_a_law_that_is_not_known_is_not_taken_for_the_normal_one(tree):
+    assert errors_of(tree()) == "own"
+    for use in (
+        lambda tree: ps.predict(tree, DATA.design_matrix, rng=1),
+        lambda tree: ps.with_predictive(tree, DATA, PRIOR, rng=1),
+        lambda tree: ps.agreement(PRIOR.exact(DATA), {"own": tree}),
+    ):
+        with refused(ValueError):
+            use(tree())

@@ -28,7 +28,7 @@ from pymc_ship.inference.sampling.trajectory_model import (
 from pymc_ship.machine.errors import FitError, InferenceError
 from tests.inference.rows.frames import motion
 from tests.inference.sampling.cases import regression
-from tests.inference.sampling.test_from_pymc import DATA, ROWS, plain_model, sampled, tree_of_rows
+from tests.inference.sampling.test_from_pymc import DATA, ROWS, plain_model, sampled, tree_of_law, tree_of_rows
 from tests.inference.sampling.test_gibbs import case
 from tests.inference.sampling.test_hierarchical_model import PRIOR, data_of
 from tests.inference.sampling.test_predictive import tree_of
@@ -116,6 +116,10 @@ test_value_errors = wording(
             (lambda group: group.assign_coords(coefficient=list("abcde")), "must have the coefficients of the data"),
         ]
     ),
+    (
+        "^A prediction needs errors of a known law, normal, student_t, ar1, found another one or no log_likelihood",
+        lambda: predict(tree_of_law("normal", with_model=False), DATA.design_matrix, rng=1),
+    ),
     ("need a generator", lambda: posterior_tree(sampled(), DATA, plain_model())),
     (
         r"The NUTS sampler is one of nutpie, pymc, numpyro, blackjax; found 'stan'",
@@ -197,6 +201,12 @@ test_errors_of_rows = wording(
     ("one trial or several, found none", lambda container: ps.regression_data([], container, "yaw")),
     (r"^New rows need the columns Intercept, v, v:r, I", predicted_by_a_formula),
     ("uniform times, found steps from 1 to 11 s", lambda: modelled(GAP, errors="ar1")),
+    (
+        "contiguous rows at uniform times, found rows of one run apart; use every row of each trial",
+        lambda: pymc_model(
+            replace(regression("tall"), run=np.array(["a", "b", "a"]).repeat(20)), ConjugatePrior(), "ar1"
+        ),
+    ),
     ("uniform times", lambda: sampled_by_nuts(GAP, errors="ar1")),
     ("uniform times", lambda: modelled(slice(None, None, -1), errors="ar1")),
 )

@@ -1,7 +1,7 @@
 """Laws of the errors e of a regression; sigma2 is the ``noise_variance``.
 
 ``normal``: e ~ N(0, sigma2). ``student_t``: e ~ t(nu, 0, sigma) of variance sigma2 nu / (nu - 2), nu ~ Gamma(2, 0.1).
-``ar1``: e_1 ~ N(0, sigma2), e_t ~ N(rho e_(t-1), (1 - rho^2) sigma2), rho ~ Uniform(-1, 1).
+``ar1``: e_1 ~ N(0, sigma2), e_t ~ N(rho e_(t-1), (1 - rho^2) sigma2), rho ~ Uniform(-1, 1), anew for each run.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ import xarray as xr
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import InferenceError
+
+OWN = "own"
+"""Family of a prior, and law of errors, that the package does not know."""
 
 _LOG_2PI = math.log(2.0 * math.pi)
 NU_SHAPE, NU_RATE = 2.0, 0.1  # Gamma prior of the degrees of freedom
@@ -128,13 +131,59 @@ def error_law(errors: str, data: RegressionData | None = None) -> ErrorLaw:
     """Error law of a name; ValueError for an unknown name, InferenceError for AR(1) errors of unevenly spaced rows."""
     check_choice("The law of the errors", errors, ERRORS)
     if errors == "ar1" and data is not None:
-        steps = np.diff(data.time)
+        parts = run_parts(data)
+        steps = np.concatenate([np.diff(data.time[part]) for part in parts])
+        fault = "rows of one run apart" if len(parts) > len(set(data.run)) else ""
         if steps.size and not (steps[0] > 0.0 and np.allclose(steps, steps[0], rtol=1e-4, atol=0.0)):
+            fault = f"steps from {steps.min():g} to {steps.max():g} s"
+        if fault:
             raise InferenceError(
-                f"AR(1) errors need contiguous rows at uniform times, found steps from {steps.min():g} to "
-                f"{steps.max():g} s; use every row of one trial."
+                f"AR(1) errors need contiguous rows at uniform times, found {fault}; use every row of each trial."
             )
     return ERRORS[errors]
+
+
+def run_parts(data: RegressionData) -> list[slice]:
+    """Rows of each run."""
+    starts = np.flatnonzero(np.r_[True, data.run[1:] != data.run[:-1]])
+    return [slice(start, stop) for start, stop in zip(starts, [*starts[1:], data.n_rows], strict=True)]
+
+
+def _parts(data: RegressionData, errors: str) -> list[slice]:
+    """Rows whose errors are independent of those of the other parts, as far as the law needs them apart."""
+    return run_parts(data) if errors == "ar1" else [slice(0, data.n_rows)]
+
+
+def draw_errors(
+    data: RegressionData, errors: str, rng: np.random.Generator, noise_sd: np.ndarray, parameter: np.ndarray
+) -> np.ndarray:
+    """Errors (..., n_rows) of the rows of the data, given noise sd and parameter (...)."""
+    draw, parts = error_law(errors).draw_errors, _parts(data, errors)
+    return np.concatenate([draw(rng, noise_sd, parameter, part.stop - part.start) for part in parts], axis=-1)
+
+
+def log_likelihood(data: RegressionData, errors: str, posterior: xr.Dataset) -> np.ndarray:
+    """Log density (chain, draw, row) of the rows, given those before in their run, under draws of the parameters."""
+    law, given = error_law(errors), posterior.transpose("chain", "draw", ...)
+    variance = given["noise_variance"].to_numpy()
+    parameter = given[law.parameter].to_numpy() if law.parameter else np.zeros_like(variance)
+    residual = data.response - given["coefficients"].to_numpy() @ data.design_matrix.T
+    parts = _parts(data, errors)
+    return np.concatenate([law.log_likelihood(residual[..., part], variance, parameter) for part in parts], axis=-1)
+
+
+def law_of_draws(data: RegressionData, posterior: xr.Dataset, density: xr.Dataset) -> str:
+    """Name of the law that gives the log density of the rows but for a constant; "own" if none does or without it."""
+    few = posterior.isel(draw=slice(10))
+    if "response" not in density or density["response"].shape[:2] != posterior["noise_variance"].shape:
+        return OWN
+    found = density["response"].transpose("chain", "draw", "row").to_numpy()[:, : few.sizes["draw"]]
+    for errors, law in ERRORS.items():
+        if not law.parameter or law.parameter in posterior:
+            difference = found - log_likelihood(data, errors, few)
+            if np.ptp(difference) <= 1e-6 * (1.0 + np.abs(found).max()):
+                return errors
+    return OWN
 
 
 def errors_of(tree: xr.DataTree) -> str:
@@ -142,13 +191,23 @@ def errors_of(tree: xr.DataTree) -> str:
     return tree.attrs.get("errors", "normal")
 
 
+def known_errors_of(tree: xr.DataTree) -> str:
+    """Name of the error law of a posterior; ValueError if the package does not know it."""
+    errors = errors_of(tree)
+    if errors == OWN:
+        raise ValueError(
+            f"A prediction needs errors of a known law, {', '.join(ERRORS)}, found another one or no log_likelihood "
+            "that shows it; give posterior_tree the model, or predict by pm.sample_posterior_predictive."
+        )
+    return errors
+
+
 def with_errors(tree: xr.DataTree, data: RegressionData, errors: str, parameter: np.ndarray) -> xr.DataTree:
     """Copy of a posterior tree with the parameter (n_chains, n_draws) of an error law and the densities by it."""
     law, sample = error_law(errors, data), ("chain", "draw")
     groups = {name: group.to_dataset() for name, group in tree.children.items()}
     groups["posterior"] = posterior = groups["posterior"].assign({law.parameter: (sample, parameter)})
-    residual = data.response - posterior["coefficients"].to_numpy() @ data.design_matrix.T
-    density = law.log_likelihood(residual, posterior["noise_variance"].to_numpy(), parameter)
+    density = log_likelihood(data, errors, posterior)
     groups["log_likelihood"] = groups["log_likelihood"].assign(response=((*sample, "row"), density))
     groups["log_prior"] = groups["log_prior"].assign({law.parameter: (sample, law.log_parameter(parameter))})
     cited = json.dumps([*json.loads(tree.attrs["citations"]), law.citation])

@@ -11,13 +11,13 @@ import xarray as xr
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.regression.tree import data_groups, rng_state, tree_attrs
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling.error_laws import OWN, law_of_draws
 from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, is_equal
 from pymc_ship.machine.seeds import Seed, random_generator
 
 if TYPE_CHECKING:
     import pymc as pm
 
-OWN = "own"  # family of a prior that the package does not know
 _DATA = ("observed_data", "constant_data")
 _SAMPLE = ("chain", "draw")
 _BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
@@ -54,7 +54,8 @@ def posterior_tree(
     -------
     DataTree
         As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the groups of ``sampled`` or the model;
-        attr ``method`` is ``nuts`` for any sampler.
+        attr ``method`` is ``nuts`` for any sampler, attr ``errors`` the law of the errors by the log likelihood, "own"
+        if it is none of the package or there is none.
 
     Raises
     ------
@@ -80,6 +81,8 @@ def posterior_tree(
         groups = {name: _posterior(group, data) if name == "prior" else group for name, group in groups.items()}
     hyperparameters = {"family": OWN} if prior is None else prior.hyperparameters()
     root = xr.Dataset(attrs=tree_attrs(data, hyperparameters, "nuts", state))
+    if "noise_variance" in groups["posterior"]:
+        root.attrs["errors"] = law_of_draws(data, groups["posterior"], groups.get("log_likelihood", xr.Dataset()))
     return xr.DataTree.from_dict({"/": root, **groups, **data_groups(data)})
 
 

@@ -12,7 +12,7 @@ from pymc_ship.inference.regression.prior_table import hold_fixed
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import new_design
-from pymc_ship.inference.sampling.error_laws import error_law, errors_of
+from pymc_ship.inference.sampling.error_laws import draw_errors, error_law, known_errors_of
 from pymc_ship.machine.seeds import Seed, random_generator
 
 PREDICTIVE_DRAWS = 500  # default number of prior draws
@@ -41,7 +41,7 @@ def predictive(
     law, parameters = error_law(errors), parameters.transpose("chain", "draw", ...)
     sd = np.sqrt(parameters["noise_variance"].to_numpy())
     parameter = parameters[law.parameter].to_numpy() if law.parameter else np.zeros_like(sd)
-    response = law.draw_errors(rng, sd, parameter, data.n_rows)
+    response = draw_errors(data, errors, rng, sd, parameter)
     response += parameters["coefficients"].to_numpy() @ data.design_matrix.T
     coords = {"chain": parameters["chain"].values, "draw": parameters["draw"].values, "row": np.arange(data.n_rows)}
     return xr.Dataset({"response": (("chain", "draw", "row"), response)}, coords)
@@ -72,7 +72,8 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     InferenceError
         For new rows of another shape, missing columns, values that are not finite.
     ValueError
-        For a posterior that is no regression of one response, or other data.
+        For a posterior that is no regression of one response or whose errors follow no law of the package, or other
+        data.
 
     Examples
     --------
@@ -102,7 +103,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
         _check_fitted(tree, data)
     design_matrix = new_design(new_rows, names, None if data is None else data.formula)
     rows = RegressionData.from_arrays(design_matrix, np.zeros(len(design_matrix)), names, scaling="none")
-    predicted = predictive(rows, posterior, rng=rng, errors=errors_of(tree))
+    predicted = predictive(rows, posterior, rng=rng, errors=known_errors_of(tree))
     expected = predicted["response"].copy(data=posterior["coefficients"].to_numpy() @ design_matrix.T)
     sample = ("chain", "draw")
     return predicted.assign(expected=expected, mean=expected.mean(sample), sd=predicted["response"].std(sample))
@@ -134,7 +135,7 @@ def with_predictive(
     Raises
     ------
     ValueError
-        When draws is not positive, or the data are not those of the tree.
+        When draws is not positive, the data are not those of the tree, or its errors follow no law of the package.
     """
     rng = random_generator(rng)
     check_prior(prior)
@@ -142,7 +143,7 @@ def with_predictive(
         raise ValueError(f"The predictive draws must be positive, found {draws}; raise them to 1 or more.")
     _check_fitted(tree, data)
     posterior = tree["posterior"].to_dataset()
-    errors = errors_of(tree)
+    errors = known_errors_of(tree)
     from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)
     groups = {
         "prior": from_prior,

@@ -16,7 +16,7 @@ import xarray as xr
 from pymc_ship.inference.regression.priors import Prior, check_prior, warn_of_units
 from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, with_errors
+from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, run_parts, with_errors
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.predictive import with_predictive
 from pymc_ship.machine.arguments import check_choice
@@ -109,12 +109,12 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
         if callable(errors):
             errors("response", mu, sigma, observed)
         else:
-            _row_density(errors, mu, sigma, observed)
+            _row_density(errors, mu, sigma, observed, data)
     return model
 
 
-def _row_density(errors: str, mu: Any, sigma: Any, observed: dict) -> None:
-    """Likelihood of the rows under an error law, with its parameter; for AR(1) each row given the one before."""
+def _row_density(errors: str, mu: Any, sigma: Any, observed: dict, data: RegressionData) -> None:
+    """Likelihood of the rows under an error law, with its parameter; for AR(1) each row given that before, by run."""
     import pymc as pm
     import pytensor.tensor as pt
 
@@ -125,8 +125,10 @@ def _row_density(errors: str, mu: Any, sigma: Any, observed: dict) -> None:
     if errors == "ar1":
         rho = pm.Uniform("autocorrelation", -1.0, 1.0)
         before = pt.as_tensor(observed["observed"])[:-1] - mu[:-1]
-        first = pt.arange(mu.shape[0]) < 1
-        mu = pt.inc_subtensor(mu[1:], rho * before)
+        first, starts = pt.arange(mu.shape[0]) < 1, [part.start for part in run_parts(data)]
+        if len(starts) > 1:  # else new rows may be set, of any number
+            first = pt.as_tensor(np.isin(np.arange(data.n_rows), starts))
+        mu = pt.inc_subtensor(mu[1:], rho * pt.switch(first[1:], 0.0, before))
         sigma = sigma * pt.switch(first, 1.0, pt.sqrt(1.0 - rho**2))
     pm.Normal("response", mu=mu, sigma=sigma, **observed)
 
