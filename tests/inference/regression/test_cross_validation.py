@@ -7,7 +7,7 @@ from scipy.special import logsumexp
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.cross_validation import cross_validation, fold_rows
-from pymc_ship.inference.regression.prior_table import hold_fixed
+from pymc_ship.inference.regression.prior_table import hold_fixed, informed_prior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.errors import InferenceError
@@ -178,6 +178,21 @@ class TestScaling:
         y = 7.0 + np.random.default_rng(10).normal(size=40)
         for training in cross_validation(self.data(y, scaling="none"), 4).training:
             np.testing.assert_array_equal(training.scaled_response, training.response)
+
+    def test_an_informed_prior_keeps_its_units(self):
+        """Rows of other scales, with the constant or without."""
+        x = np.random.default_rng(1).normal(size=40) * np.repeat([6.0, 1.0], 20)
+        for X in (np.column_stack([np.ones(40), x]), x[:, None]):
+            data = RegressionData.from_arrays(X, X.sum(axis=1) + np.random.default_rng(2).normal(size=40))
+            prior = informed_prior(data, SemiConjugatePrior(), {data.coefficients[-1]: (3.0, 1e-5)})
+            validation = cross_validation(data, 2)
+            expected = []
+            for rows, held_out in zip(validation.training, validation.held_out, strict=True):
+                own = informed_prior(rows, SemiConjugatePrior(), {data.coefficients[-1]: (3.0, 1e-5)})
+                assert own.exact(rows).mean[-1] == pytest.approx(3.0, abs=1e-3)
+                new = held_out.design_matrix, held_out.response
+                expected.append(own.exact(rows).log_predictive_density(*new, pointwise=True).mean())
+            np.testing.assert_allclose(validation.score(prior).folds, expected)
 
     def test_a_fixed_coefficient_changes_no_scale(self):
         """The scales that are kept for the other coefficients follow the training rows in proportion."""

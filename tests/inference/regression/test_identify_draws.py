@@ -69,3 +69,11 @@ def test_each_draw_has_its_rows(container, drawn):
         np.testing.assert_array_equal(data.design_matrix, alone.design_matrix)
         np.testing.assert_array_equal(data.response, alone.response)
     assert not np.array_equal(found[0].response, found[1].response)
+
+
+def test_an_informed_prior_keeps_its_units_over_rows_of_other_scale():
+    rng = np.random.default_rng(3)
+    X = [scale * rng.standard_normal((20, 1)) for scale in (1.0, 6.0)]
+    data = [ps.RegressionData.from_arrays(x, x[:, 0] + rng.standard_normal(20), ["slope"]) for x in X]
+    prior = ps.informed_prior(data[0], ps.SemiConjugatePrior(), {"slope": (3.0, 1e-5)})
+    assert float(ps.pooled_coefficients(data, prior, rng=rng)["mean"][0]) == pytest.approx(3.0, abs=1e-3)

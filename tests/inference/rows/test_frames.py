@@ -197,10 +197,16 @@ def test_a_formula_is_evaluated_for_new_rows(formulae, frame, prior, scaling):
     assert np.abs(found[0] - frame["Y"][:5]).max() < 1.0
 
 
-def test_fixed_coefficients_are_left_out_of_new_rows(formulae, frame):
-    data = ps.hold_fixed(ps.RegressionData.from_formula(FORMULA, frame, scaling="none"), {"r": -3.0})
-    exact = ps.ConjugatePrior().exact(data)
-    np.testing.assert_allclose(exact.predict(frame.iloc[:5]), exact.predict(data.design_matrix[:5]), rtol=1e-12)
+def test_fixed_coefficients_are_not_left_out_of_new_rows(formulae, frame):
+    whole, prior = ps.RegressionData.from_formula(FORMULA, frame, scaling="none"), ps.ConjugatePrior()
+    data = ps.hold_fixed(whole, {"r": -3.0})
+    tree = ps.exact_posterior(data, prior, draws=40, rng=1)
+    for predict in (prior.exact(data).predict, lambda rows: ps.predict(tree, rows, data=data, rng=1)):
+        with refused(ps.InferenceError, "r", "restore_fixed"):
+            predict(frame.iloc[:5])
+    restored = ps.restore_fixed(tree, {"r": -3.0}, whole.coefficients)
+    found = ps.predict(restored, frame.iloc[:5], data=whole, rng=1)["mean"]
+    assert np.abs(found - frame["Y"][:5]).max() < 1.0
 
 
 @pytest.mark.parametrize(

@@ -149,6 +149,14 @@ test_errors_of_rows = wording(
         )
         for what in ("time", "run")
     ),
+    (
+        "^New rows of a formula need all of its coefficients, found v held fixed; predict by the posterior of",
+        lambda frame: (
+            ps.ConjugatePrior()
+            .exact(ps.hold_fixed(ps.RegressionData.from_formula("Y ~ v", frame), {"v": 2.0}))
+            .predict(frame)
+        ),
+    ),
     *(
         (
             f"^The table and the {what} must have one index, found two",

@@ -167,12 +167,19 @@ def test_predictions_need_the_rows_of_the_fit():
     assert with_predictive(tree, rounded, prior, rng=1).identical(with_predictive(tree, data, prior, rng=1))
 
 
-def test_a_restored_posterior_predicts_the_whole_data():
+def test_a_restored_posterior_predicts_the_observed_data():
+    """Which are without the fixed part."""
     data, prior = regression("tall"), ConjugatePrior()
     free = ps.gibbs_posterior(ps.hold_fixed(data, {"x2": 0.4}), prior, draws=50, rng=1)
     checked = with_predictive(ps.restore_fixed(free, {"x2": 0.4}, data.coefficients), data, prior, rng=2)
-    residual = checked["posterior_predictive"]["response"].mean(("chain", "draw")) - data.response
+    observed = checked["observed_data"]["response"]
+    residual = checked["posterior_predictive"]["response"].mean(("chain", "draw")) - observed
     assert np.abs(residual).max() < 5.0 * float(free["posterior"]["noise_variance"].mean()) ** 0.5
+    assert np.corrcoef(observed, data.response)[0, 1] < 1.0
+    drawn, posterior = checked["prior"]["coefficients"], checked["posterior"]["coefficients"]
+    assert drawn["coefficient"].equals(posterior["coefficient"])
+    assert (drawn.std(("chain", "draw")) > 1e-9).values.tolist() == [True, False, True, True, True]
+    assert (drawn.sel(coefficient="x2") == 0.4).all()
 
 
 def test_the_order_of_dims_changes_nothing():

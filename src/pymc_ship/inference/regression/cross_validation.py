@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.regression.priors import Prior, rescaled_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import InferenceError
@@ -31,10 +31,14 @@ class CrossValidation:
     def score(self, prior: Prior) -> Score:
         """Elpd of a prior: mean of log p(y_i | training rows) over the held-out rows, each by itself as in ArviZ.
 
+        A prior with vectors is on the scales of the whole; those of the training rows change its numbers alone.
+
         Vehtari, Gelman & Gabry (2017), Statistics and Computing 27:1413, doi:10.1007/s11222-016-9696-4.
         """
         densities = [
-            prior.exact(training).log_predictive_density(rows.design_matrix, rows.response, pointwise=True)
+            rescaled_prior(prior, rows, training)
+            .exact(training)
+            .log_predictive_density(rows.design_matrix, rows.response, pointwise=True)
             for training, rows in zip(self.training, self.held_out, strict=True)
         ]
         folds = np.array([np.mean(density) for density in densities])

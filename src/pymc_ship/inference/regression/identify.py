@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.families import prior_family
-from pymc_ship.inference.regression.priors import ExactPosterior, Prior
+from pymc_ship.inference.regression.priors import ExactPosterior, Prior, rescaled_prior
 from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.regression.tune import TunedPrior, maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
@@ -157,7 +157,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     rows : sequence of RegressionData
         The same regression on two or more draws of its data, from :func:`regression_draws`.
     prior : Prior
-        Of the scaled coefficients.
+        Of the scaled coefficients; with vectors, such as of :func:`informed_prior`, on the scales of the first rows.
     draws : int, optional
         Draws from the mixture for its quantiles, equally many of each posterior.
     rng : int, SeedSequence or Generator
@@ -179,7 +179,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
             f"Pooling needs two or more draws of one regression, found {len(rows)} with {len(names)} sets of "
             "coefficients; draw again."
         )
-    exact = [prior.exact(data) for data in rows]
+    exact = [rescaled_prior(prior, rows[0], data).exact(data) for data in rows]
     mean = np.mean([one.mean for one in exact], axis=0)
     within = np.mean([one.sd**2 for one in exact], axis=0)
     between = np.var([one.mean for one in exact], axis=0, ddof=1)

@@ -69,8 +69,8 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
     """Regression data without coefficients that are fixed at known values.
 
     Their part of the response is subtracted. The other columns keep their scale; they lose their centres if the
-    constant is fixed. A prior with vectors must be made for the new data. :func:`restore_fixed` adds the coefficients
-    to a posterior.
+    constant is fixed. A prior with vectors must be made for the new data. Predictions are without the fixed part;
+    :func:`restore_fixed` adds the coefficients to a posterior, and their part to its predictions.
 
     Parameters
     ----------

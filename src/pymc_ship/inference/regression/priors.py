@@ -10,7 +10,7 @@ import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -157,6 +157,19 @@ class Prior(ABC):
         distance = np.sum((coefficients - self.means(n_terms)) ** 2 / kappa, axis=-1)
         factor = self.variance_factor(noise_variance)
         return -0.5 * (n_terms * (_LOG_2PI + np.log(factor)) + np.sum(np.log(kappa)) + distance / factor)
+
+
+def rescaled_prior(prior: Prior, data: RegressionData, rows: RegressionData) -> Prior:
+    """Prior of the same original coefficients on the scales of other rows, if it has a vector, made for the data.
+
+    A prior of one number for all terms is of any scaled columns, and stays; so does that of a centred constant.
+    """
+    if not (np.ndim(prior.mean) or np.ndim(prior.kappa)):
+        return prior
+    ratio = (data.response_scale / data.column_scale) / (rows.response_scale / rows.column_scale)
+    if data.constant >= 0 and data.column_center.any():
+        ratio[data.constant] = 1.0
+    return replace(prior, mean=prior.means(data.n_terms) * ratio, kappa=prior.kappas(data.n_terms) * ratio**2)
 
 
 class ExactPosterior(ABC):

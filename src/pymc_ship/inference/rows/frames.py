@@ -77,13 +77,20 @@ def check_same_rows(design_matrix: Any, column: Any, what: str) -> None:
 def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | None = None) -> np.ndarray:
     """Design matrix, shape (n_new, n_terms), of an array, or of a table of the columns or variables of the formula.
 
-    InferenceError for another shape, missing or repeated columns, values that are not finite.
+    InferenceError for another shape, missing or repeated columns, values that are not finite, fixed coefficients.
     """
     if not is_frame(new_rows):
         X = real_array("New rows", new_rows, InferenceError)
     elif formula is None:
         X = frame_columns(new_rows, coefficients, "New rows")
     else:
+        fixed = [name for name in formula.names if name not in coefficients]
+        if fixed:
+            raise InferenceError(
+                f"New rows of a formula need all of its coefficients, found {_name_list(fixed)} held fixed; predict by "
+                "the posterior of restore_fixed with the whole data, or give an array of the free columns and add the "
+                "fixed part."
+            )
         X = formula.columns(new_rows, coefficients)
     fault = f"shape {X.shape}"
     if X.ndim == 2 and X.shape[1] == len(coefficients):

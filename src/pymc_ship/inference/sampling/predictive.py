@@ -130,7 +130,8 @@ def with_predictive(
     -------
     DataTree
         With the groups prior (the variables of the posterior; one chain), prior_predictive and posterior_predictive
-        (``response`` with dims chain, draw, row).
+        (``response`` with dims chain, draw, row, of the ``observed_data``: without the part of coefficients that
+        :func:`~pymc_ship.inference.regression.prior_table.restore_fixed` added).
 
     Raises
     ------
@@ -141,12 +142,17 @@ def with_predictive(
     check_prior(prior)
     if draws < 1:
         raise ValueError(f"The predictive draws must be positive, found {draws}; raise them to 1 or more.")
-    _check_fitted(tree, data)
-    posterior = tree["posterior"].to_dataset()
+    data = _check_fitted(tree, data)
+    whole = tree["posterior"].to_dataset()
+    posterior = whole.sel(coefficient=list(data.coefficients))
     errors = known_errors_of(tree)
     from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)
+    fixed = json.loads(tree.attrs.get("fixed", "{}"))
+    coefficients = from_prior["coefficients"].reindex(coefficient=whole["coefficient"].values)
+    for name, value in fixed.items():
+        coefficients.loc[{"coefficient": name}] = value
     groups = {
-        "prior": from_prior,
+        "prior": from_prior.drop_dims("coefficient").assign(coefficients=coefficients) if fixed else from_prior,
         "prior_predictive": predictive(data, from_prior, rng=rng, errors=errors),
         "posterior_predictive": predictive(data, posterior, rng=rng, errors=errors),
     }
@@ -154,8 +160,8 @@ def with_predictive(
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=tree.attrs), **own, **groups})
 
 
-def _check_fitted(tree: xr.DataTree, data: RegressionData) -> None:
-    """Raise ValueError unless a posterior was fitted to the data: names, response and design matrix."""
+def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:
+    """Data without the fixed coefficients; ValueError unless a posterior is theirs: names, response and design."""
     names = [str(name) for name in tree["posterior"]["coefficient"].to_numpy()]
     if list(data.coefficients) != names:
         raise ValueError(
@@ -175,6 +181,7 @@ def _check_fitted(tree: xr.DataTree, data: RegressionData) -> None:
         raise ValueError(
             f"The data must be those of the posterior, found {fault} in its tree; give the data that it was fitted to."
         )
+    return free
 
 
 def is_equal(values: np.ndarray, others: np.ndarray) -> bool:
