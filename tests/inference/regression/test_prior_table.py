@@ -194,7 +194,7 @@ class TestSisterShip:
         assert sister_ship_table(container, "yaw")["Nr|r|"] == pytest.approx((0.0, 0.3 * middle))
 
     def test_only_the_names_asked_for(self, container):
-        assert list(sister_ship_table(container, "yaw", names=["Yv", "Nr", "Nv"])) == ["Nv", "Nr"]
+        assert list(sister_ship_table(container, "yaw", names=["Nr", "Nv"])) == ["Nv", "Nr"]
 
 
 class TestPriorValues:

@@ -211,7 +211,7 @@ test_errors_of_priors = wording(
     *(
         (sentence, lambda table=table: informed_prior(ship(), base("conjugate"), table))
         for table, sentence in [
-            ({"Yx": (0.0, 1.0)}, "The data have the coefficients Y0, .*; found Yx; correct"),
+            ({"Yx": (0.0, 1.0)}, "The coefficients are Y0, .*; found Yx; correct"),
             ({"Yv": (0.0, 0.0)}, "The sd of Yv must be positive, found 0.0; use hold_fixed"),
             ({"Yv": (0.0, -1.0)}, "The sd of Yv must be positive, found -1.0"),
             ({"Yv": (np.nan, 1.0)}, "The value given for Yv must be a finite number, found nan"),
@@ -239,6 +239,7 @@ test_errors_of_priors = wording(
     *(
         (sentence, lambda container, settings=settings: sister_ship_table(container, "yaw", **settings))
         for settings, sentence in [
+            ({"names": ["Nr", "Nrr_typo"]}, "The coefficients are .*; found Nrr_typo; correct the names"),
             ({"floor": 0.0}, r"An sd must be positive, found 0 for Nr\|r\|, .*; give a floor above 0"),
             ({"relative_sd": -0.1}, "must not be negative, found -0.1 and None"),
             ({"floor": -1.0}, "must not be negative, found 0.3 and -1.0"),
@@ -251,7 +252,25 @@ test_errors_of_priors = wording(
             lambda value=value, name=name: ConjugatePrior(**{name: value}),
         )
         for name in ["mean", "kappa", "shape", "scale"]
-        for value in ["wide", "3", None, [1.0, "a"], [[1.0], [1.0, 2.0]], 1j, {}, 10**400, np.nan]
+        for value in [
+            np.ma.masked_greater([1.0, 9.0], 5.0),
+            "wide",
+            "3",
+            None,
+            [1.0, "a"],
+            [[1.0], [1.0, 2.0]],
+            1j,
+            {},
+            10**400,
+            np.nan,
+        ]
+    ),
+    *(
+        (
+            rf"^The prior's {name} has no labels, found \['r', 'v'\]; put it into the order of the terms and give it",
+            lambda name=name: ConjugatePrior(**{name: xr.DataArray([1.0, 2.0], {"term": ["r", "v"]}, "term")}),
+        )
+        for name in ["mean", "kappa"]
     ),
     *(
         (
@@ -309,7 +328,7 @@ test_errors_of_rows = wording(
     *(
         (sentence, lambda values=values: hold_fixed(ship(), values))
         for values, sentence in [
-            ({"Yx": 1.0}, "The data have the coefficients Y0, .*; found Yx; correct"),
+            ({"Yx": 1.0}, "The coefficients are Y0, .*; found Yx; correct"),
             ({"Yv": np.nan}, "The value given for Yv must be a finite number, found nan"),
             ({"Yv": "fast"}, "The value given for Yv must be a finite number, found 'fast'"),
             ({"Yv": None}, "The value given for Yv must be a finite number, found None"),

@@ -113,3 +113,14 @@ class TestRows:
             data = ps.regression_data(trial, vessel, dof, interval=1.0)
             reference = vessel.coefficients(dof).values
             np.testing.assert_allclose(least_squares(data), reference, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["design_matrix", "response", "column_center", "column_scale", "time", "run"])
+def test_arrays_are_read_only(name):
+    """Decompositions are kept; the caller's arrays stay as they are."""
+    X, y = np.random.default_rng(1).normal(size=(9, 2)), np.arange(9.0)
+    data = ps.RegressionData.from_arrays(X, y)
+    for one in (data, data.rows(np.arange(4)), replace(data, response=y)):
+        assert not getattr(one, name).flags.writeable
+    assert X.flags.writeable
+    assert y.flags.writeable

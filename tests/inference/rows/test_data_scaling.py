@@ -85,7 +85,7 @@ class TestConditioning:
         )
 
     def test_variance_inflation_is_one_over_one_less_r_squared(self):
-        X = simulated(50, 4, seed=3).design_matrix
+        X = simulated(50, 4, seed=3).design_matrix.copy()
         X[:, 3] = X[:, 0] + 0.1 * X[:, 3]
         data = RegressionData.from_arrays(X, X[:, 0], scaling="none")
         for j in range(4):

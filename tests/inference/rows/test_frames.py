@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import pymc_ship as ps
 from tests.inference.rows.frames import Table, motion
@@ -172,6 +173,27 @@ def test_a_formula_without_its_parser_is_refused_with_a_sentence(monkeypatch):
 
 
 # new rows -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("prior", [ps.ConjugatePrior(), ps.SemiConjugatePrior()])
+def test_labelled_arrays_are_taken_by_their_labels(prior):
+    values, labels = np.random.default_rng(1).normal(size=(9, 2)), {"row": np.arange(9), "coefficient": ["v", "r"]}
+    X, y = (
+        xr.DataArray(values, labels, ("row", "coefficient")),
+        xr.DataArray(values[:, 0] + 1.0, {"row": np.arange(9)}, "row"),
+    )
+    data = ps.RegressionData.from_arrays(X, y, ["v", "r"])
+    exact, tree = prior.exact(data), ps.exact_posterior(data, prior, draws=40, rng=1)
+    for rows in (X[:2], X[:2].T, X[:2, ::-1], X[:2].sel(coefficient=["r", "v"]).T):
+        np.testing.assert_array_equal(exact.predict(rows), exact.predict(values[:2]))
+        xr.testing.assert_identical(ps.predict(tree, rows, rng=1), ps.predict(tree, values[:2], rng=1))
+    for call in (
+        lambda: ps.RegressionData.from_arrays(X, y[::-1]),
+        lambda: exact.log_predictive_density(X, y[::-1]),
+        lambda: exact.predict(X.assign_coords(coefficient=["v", "p"])),
+    ):
+        with refused(ps.InferenceError):
+            call()
 
 
 @pytest.mark.parametrize("prior", [ps.ConjugatePrior(), ps.SemiConjugatePrior()])

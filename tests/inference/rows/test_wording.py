@@ -7,6 +7,7 @@ import re
 from functools import partial
 
 import numpy as np
+import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.inference.regression.families import FAMILIES, prior_family
@@ -148,6 +149,14 @@ test_errors_of_rows = wording(
             ),
         )
         for what in ("time", "run")
+    ),
+    (
+        "^New rows need the columns x1, found p; rename them",
+        lambda: (
+            ps.ConjugatePrior()
+            .exact(ps.RegressionData.from_arrays([[1.0], [2.0]], [1.0, 3.0]))
+            .predict(xr.DataArray([[1.0]], {"coefficient": ["p"]}, ("row", "coefficient")))
+        ),
     ),
     (
         "^New rows of a formula need all of its coefficients, found v held fixed; predict by the posterior of",

@@ -206,7 +206,7 @@ def sister_ship_table(
     Raises
     ------
     VesselError, InferenceError
-        When the vessel has no such DOF; for numbers negative or not finite, or an sd of 0.
+        When the vessel has no such DOF; for unknown names, numbers negative or not finite, or an sd of 0.
     """
     vessel = as_vessel(vessel)
     reference = vessel.coefficients(dof)
@@ -217,6 +217,7 @@ def sister_ship_table(
         raise InferenceError(
             f"relative_sd and floor must not be negative, found {relative_sd} and {floor}; raise them."
         )
+    _check_names(names or (), reference["coefficient"].values.tolist())
     sd = np.hypot(relative * values, least)
     triples = zip(reference["coefficient"].values.tolist(), values.tolist(), sd.tolist(), strict=True)
     table = {name: (mean, spread) for name, mean, spread in triples if names is None or name in names}
@@ -230,7 +231,7 @@ def _check_names(names: Iterable[str], coefficients: Sequence[str]) -> None:
     unknown = [str(name) for name in names if name not in coefficients]
     if unknown:
         raise InferenceError(
-            f"The data have the coefficients {', '.join(coefficients)}; found {', '.join(unknown)}; correct the names."
+            f"The coefficients are {', '.join(coefficients)}; found {', '.join(unknown)}; correct the names."
         )
 
 

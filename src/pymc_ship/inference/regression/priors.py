@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from pymc_ship.inference.rows.data import FEWEST_ROWS, UNEVEN, RegressionData
-from pymc_ship.inference.rows.frames import Formula, new_design
+from pymc_ship.inference.rows.frames import Formula, check_same_rows, new_design, row_labels
 from pymc_ship.machine.arguments import real_array, short_repr
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.fields import field_text
@@ -288,6 +288,7 @@ class RotatedPosterior(ExactPosterior):
     ) -> float | np.ndarray:
         """Log predictive density of new rows; InferenceError for wrong shapes or values that are not finite."""
         rotated, middle = self._rotate_rows(design_matrix)
+        check_same_rows(design_matrix, response, "response")
         y = real_array("The response", response, InferenceError)
         if y.shape != middle.shape or not np.isfinite(y).all():
             raise InferenceError(f"The response has one finite value for each of {len(middle)} rows; check it.")
@@ -355,12 +356,19 @@ def warn_of_units(data: RegressionData, prior: Prior) -> None:
 def _numbers(name: str, value: object) -> np.ndarray:
     """Copy of a hyperparameter as floats."""
     try:
-        given = np.asarray(value)
-        if given.dtype.kind not in "iufO":
+        if np.asarray(value).dtype.kind not in "iufO":
             raise TypeError
-        return np.array(given, dtype=float)
+        numbers = real_array(name, value)
     except (TypeError, ValueError, OverflowError):
-        raise InferenceError(f"The prior's {name} must be finite, found {value!r}; give a plain number.") from None
+        found = " ".join(short_repr(value).split())
+        raise InferenceError(f"The prior's {name} must be finite, found {found}; give a plain number.") from None
+    labels = row_labels(value)
+    if labels is not None and not np.array_equal(labels, np.arange(len(labels))):
+        raise InferenceError(
+            f"The prior's {name} has no labels, found {short_repr(list(map(str, labels)))}; put it into the order of "
+            "the terms and give it without them, by to_numpy."
+        )
+    return numbers
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,8 @@ class RegressionData:
         Coordinate of the rows [s], or the row number; label of the run, "1" for a single trial.
     dof, vessel, derivative, record_verdict, record_remarks : str
         Origin of the rows, and quality flags of the trial.
+
+    Arrays are read-only.
     """
 
     design_matrix: np.ndarray
@@ -61,6 +63,12 @@ class RegressionData:
     record_verdict: str = "not checked"
     record_remarks: str = ""
     formula: Formula | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("design_matrix", "response", "column_center", "column_scale", "time", "run"):
+            values = np.asarray(getattr(self, name)).view()
+            values.setflags(write=False)  # decompositions are kept
+            object.__setattr__(self, name, values)
 
     @classmethod
     def from_formula(
@@ -131,12 +139,12 @@ class RegressionData:
         ------
         InferenceError
             For wrong shapes, values masked, missing, complex or not finite, missing or repeated names, z-scored
-            columns or response without variation, or a table and a response of different index.
+            columns or response without variation, or a table or labelled array and a response of different index.
         """
         rounding = _rounding(design_matrix.to_numpy() if is_frame(design_matrix) else design_matrix)
+        for what, column in {"response": response, "time": time, "run": run}.items():
+            check_same_rows(design_matrix, column, what)
         if is_frame(design_matrix):
-            for what, column in {"response": response, "time": time, "run": run}.items():
-                check_same_rows(design_matrix, column, what)
             coefficients = frame_names(design_matrix) if coefficients is None else tuple(coefficients)
             design_matrix = frame_columns(design_matrix, coefficients, "The rows")
         X = real_array("The design matrix", design_matrix, InferenceError)

@@ -65,12 +65,17 @@ def _name_list(names: Sequence[str]) -> str:
     return shorten(", ".join(names), 100, placeholder=" ...") or "none"
 
 
+def row_labels(values: Any) -> Any:
+    """Index of the rows of a table or a Series of pandas, or of a labelled array of xarray; None for others."""
+    if not hasattr(values, "to_numpy"):
+        return None
+    return values.indexes.get(values.dims[0]) if getattr(values, "dims", ()) else getattr(values, "index", None)
+
+
 def check_same_rows(design_matrix: Any, column: Any, what: str) -> None:
-    """Raise InferenceError if a table and a column of another table differ in their index."""
-    index, other = getattr(design_matrix, "index", None), getattr(column, "index", None)
-    if index is None or other is None or not hasattr(column, "to_numpy"):
-        return
-    if not index.equals(other):
+    """Raise InferenceError if a table or labelled array and a column of another one differ in their index."""
+    index, other = row_labels(design_matrix), row_labels(column)
+    if index is not None and other is not None and not index.equals(other):
         raise InferenceError(f"The table and the {what} must have one index, found two; take both from one table.")
 
 
@@ -80,7 +85,7 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
     InferenceError for another shape, missing or repeated columns, values that are not finite, fixed coefficients.
     """
     if not is_frame(new_rows):
-        X = real_array("New rows", new_rows, InferenceError)
+        X = real_array("New rows", _by_label(new_rows, coefficients), InferenceError)
     elif formula is None:
         X = frame_columns(new_rows, coefficients, "New rows")
     else:
@@ -99,6 +104,20 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
             return X
         fault = f"NaN or infinity in {_name_list(bad)}"
     raise InferenceError(f"New rows are finite, of shape (rows, {len(coefficients)}), found {fault}; check them.")
+
+
+def _by_label(new_rows: Any, coefficients: Sequence[str]) -> Any:
+    """Array of xarray with its columns in the order of their labels; InferenceError for labels of other columns."""
+    dims = getattr(new_rows, "dims", ()) if hasattr(new_rows, "indexes") else ()
+    labels = {dim: list(map(str, new_rows.indexes[dim])) for dim in dims if dim in new_rows.indexes}
+    for dim in reversed(labels):
+        if sorted(labels[dim]) == sorted(coefficients):
+            return new_rows.isel({dim: [labels[dim].index(name) for name in coefficients]}).transpose(..., dim)
+    if dims and dims[-1] in labels and new_rows.indexes[dims[-1]].dtype.kind not in "iuf":
+        raise InferenceError(
+            f"New rows need the columns {_name_list(coefficients)}, found {_name_list(labels[dims[-1]])}; rename them."
+        )
+    return new_rows
 
 
 @dataclass(frozen=True, eq=False)
