@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.trial.record import check_trial
+from pymc_ship.trial.record import check_trial, trial_list
 from tests.sentences import refused
 
 CHANNELS = ("u", "v", "r", "p", "phi", "psi", "x", "y", "delta")
@@ -116,3 +117,42 @@ class TestInterruptedWriting:
         with refused(ValueError, "trial.csv"):
             ps.write_trial(record(), tmp_path / "absent" / "trial.csv")
         assert list(tmp_path.iterdir()) == []
+
+
+class TestUnits:
+    @pytest.mark.parametrize(
+        ("name", "units"), [("delta", "deg"), ("u", "kn"), ("r", "deg/s"), ("u", "furlong"), ("time", "min")]
+    )
+    def test_other_units_than_si_are_refused(self, name, units):
+        trial = record()
+        trial[name].attrs["units"] = units
+        for use in (
+            lambda: ps.pollute(trial, level=0.1, rng=1),
+            lambda: check_trial(trial, ["u"]),
+            lambda: trial_list(trial),
+            lambda: trial_list([trial]),
+        ):
+            with refused(ps.TrialError, name):
+                use()
+
+    @pytest.mark.parametrize(
+        ("name", "units"), [("delta", "radian"), ("r", "rad s-1"), ("u", ""), ("time", "seconds since 2020")]
+    )
+    def test_si_units_pass(self, name, units):
+        trial = record()
+        trial[name].attrs["units"] = units
+        assert check_trial(trial, ["u"]) is trial
+
+
+def test_attrs_that_a_file_does_not_give_back_are_named(tmp_path):
+    """As comment lines of the file, too."""
+    stated = record().assign_attrs(speeds="over ground", facility="basin")
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        path = ps.write_trial(stated, tmp_path / "trial.csv")
+    assert [one.category for one in warned] == [UserWarning]
+    assert all(text in str(warned[0].message) for text in ("over ground", "basin", "format"))
+    assert ps.read_trial(path)["u"].size == record()["u"].size
+    text = path.read_text(encoding="utf-8")
+    assert 'speeds = "over ground"' in text
+    assert 'facility = "basin"' in text

@@ -67,6 +67,18 @@ test_trial_errors = wording(
         "needs the channels u, p, phi; p, phi missing",
         lambda: check_trial(record().drop_vars(["p", "phi"]), ["u", "p", "phi"]),
     ),
+    *(
+        (
+            rf"^Channel {name} must be in {unit}, found the units '{stated}'; {remedy}\.$",
+            lambda name=name, stated=stated: check_trial(
+                record().assign({name: record()[name].assign_attrs(units=stated)}), ["u"]
+            ),
+        )
+        for name, unit, stated, remedy in [
+            ("delta", "rad", "deg", "multiply the values by 0.0174532925 and state this unit"),
+            ("u", "m/s", "furlong", "correct it"),
+        ]
+    ),
     ("have the coordinate time", lambda: check_trial(record().drop_vars("time"), ["u"])),
     *(
         ("must be finite and increase", partial(with_a_bad_time, uniform=uniform, bad=bad))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -11,14 +12,14 @@ import xarray as xr
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.files import staged_path
-from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.channels import CHANNELS, TIME
 
 OVER_GROUND = "over ground"  # attribute ``speeds`` of a trial; by default u and v are through the water
 _SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)  # median |y_{k+1} - 2 y_k + y_{k-1}| of white noise of sd 1
 
 
 def as_trial(trial: object) -> xr.Dataset:
-    """The trial itself; TrialError for anything else than one Dataset whose channels and time are real numbers."""
+    """The trial itself; TrialError for anything else than one Dataset of real numbers in SI units over time."""
     if not isinstance(trial, xr.Dataset):
         raise TrialError(
             f"A trial must be one xarray Dataset over time, found {_kind(trial)}; give one trial at a time."
@@ -27,7 +28,19 @@ def as_trial(trial: object) -> xr.Dataset:
         if variable.dtype.kind not in "biuf" and (name == "time" or name in CHANNELS):
             rule = "The time of a trial must be seconds" if name == "time" else f"Channel {name} must be real numbers"
             raise TrialError(f"{rule}, found the type {variable.dtype}; convert it.")
+        if name == "time" or name in CHANNELS:
+            _check_unit(str(name), variable.attrs.get("units", ""))
     return trial
+
+
+def _check_unit(name: str, stated: object) -> None:
+    """Raise TrialError for an attribute ``units`` of a channel that is not its SI unit."""
+    unit = (TIME if name == "time" else CHANNELS[name]).unit
+    factor = unit.factor(str(stated))
+    if stated in ("", unit.name) or factor == 1.0 or (name == "time" and factor is None):  # "seconds since", too
+        return
+    remedy = "correct it" if factor is None else f"multiply the values by {factor:.9g} and state this unit"
+    raise TrialError(f"Channel {name} must be in {unit.name}, found the units {short_repr(stated)}; {remedy}.")
 
 
 def _kind(trials: object) -> str:
@@ -37,7 +50,7 @@ def _kind(trials: object) -> str:
 def trial_list(trials: object) -> list[xr.Dataset]:
     """Trials as a list, of one trial also; TrialError for anything else."""
     if isinstance(trials, xr.Dataset):
-        return [trials]
+        return [as_trial(trials)]
     if not isinstance(trials, Iterable) or isinstance(trials, str | Mapping):
         raise TrialError(f"Trials must be a list of Datasets, found {short_repr(type(trials))}; give a list.")
     return [as_trial(trial) for trial in trials]
@@ -121,6 +134,9 @@ def rudder_line(side: str) -> str:
 def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     """Write the channels of a trial to CSV, without loss of digits, and the side of a positive rudder.
 
+    The attrs ``speeds`` and ``facility`` become comment lines, with a warning: :func:`pymc_ship.read_trial` takes them
+    from a format file.
+
     Parameters
     ----------
     trial : Dataset, dims (time,)
@@ -146,11 +162,18 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     path, trial = Path(path), as_trial(trial)
     names = [name for name in CHANNELS if name in trial]
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
+    stated = {key: trial.attrs[key] for key in ("speeds", "facility") if trial.attrs.get(key)}
     with staged_path(path) as partial, partial.open("w", encoding="utf-8") as file:
         assumed = f", {ASSUMED}" if trial.attrs.get(AXES) else ""
         file.write(f"{rudder_line('port')}{assumed}\n" if "delta" in names else "")
+        file.writelines(f'# {key} = "{value}"\n' for key, value in stated.items())
         file.write(",".join(["time", *names]) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
+    if stated:
+        texts = " and ".join(f'{key} = "{value}"' for key, value in stated.items())
+        warnings.warn(
+            f"A trial file is read without its attrs, found {texts}; state them in a format file.", stacklevel=2
+        )
     return path
 
 

@@ -19,6 +19,7 @@ from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikel
 from pymc_ship.physics.motion.captive import captive_test_derivatives, captive_test_forces
 from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from tests.sentences import refused
 
 NOISE = {"X": 2e-5, "Y": 1e-4, "N": 4e-5}
 PARTS = "modular"
@@ -41,6 +42,14 @@ def program(vessel, rng, at):
 def tanker():
     vessel = ps.with_terms(ps.load_vessel("kvlcc2"), PARTS)
     return vessel, wide_prior([], vessel)
+
+
+def test_tests_that_are_not_finite_are_refused(tanker):
+    vessel, prior = tanker
+    tests = program(vessel, np.random.default_rng(1), prior.mean)
+    tests["Y"][3] = np.nan
+    with refused(ps.TrialError, "Y"):
+        fit_captive(tests, vessel, prior)
 
 
 def test_a_fit_finds_ships_of_the_prior_with_the_scatter_it_states(tanker):

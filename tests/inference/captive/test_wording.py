@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+import xarray as xr
+
 import pymc_ship as ps
 from tests.inference.captive import test_plausibility as wrong
+from tests.inference.captive.test_fit import tanker
 from tests.sentences import wording
+
+__all__ = ["tanker"]
 
 test_trial_errors = wording(
     ps.TrialError,
@@ -33,6 +39,14 @@ test_trial_errors = wording(
             ("speed,X'", ("8,1e-3",) * 2, {"format": {"frame": {"heading": "compass"}}}, "has no heading"),
             ("speed,N'", ("8,1e-3",) * 2, {"format": {"frame": {"reference": 3.0}}}, "needs Y'; add it"),
         ]
+    ),
+)
+
+test_fit_errors = wording(
+    ps.TrialError,
+    (
+        "^Captive tests must be finite, found NaN or infinity in Y; drop such tests",
+        lambda tanker: ps.fit_captive(xr.Dataset({"Y": ("test", [np.nan])}), *tanker),
     ),
 )
 

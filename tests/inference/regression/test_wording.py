@@ -76,6 +76,10 @@ def of_complex_draws():
     return with_posterior(lambda posterior: posterior.astype(complex))
 
 
+def of_gaps():
+    return with_posterior(lambda posterior: posterior.assign(note=("chain", np.array(["a", None, "b", "c"], object))))
+
+
 def of_objects():
     return with_posterior(lambda posterior: posterior.assign(note=("chain", np.array([{}] * posterior.sizes["chain"]))))
 
@@ -169,6 +173,7 @@ test_value_errors = wording(
         for sentence, change in [
             ("without stacked dims, found sample in /posterior; unstack it", stacked),
             ("found the type complex128 in coefficients of /posterior; convert it", of_complex_draws),
+            ("real numbers and texts, found None or NaN among texts in note of /posterior; convert it", of_gaps),
             ("has contents that files keep, found: .*; convert them", of_objects),
         ]
     ),

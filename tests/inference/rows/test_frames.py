@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.regression.cross_validation import cross_validation
 from tests.inference.rows.frames import Table, motion
 from tests.sentences import refused
 
@@ -313,3 +314,41 @@ def test_few_rows_of_even_columns_are_not_uneven():
 
 def test_an_empty_column_is_not_uneven():
     assert ps.RegressionData.from_arrays(np.eye(3)[:, :2] * [1.0, 0.0], np.ones(3), scaling="none").uneven == ""
+
+
+# numbers and responses of a formula -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["int8", "uint8", "int16", "int64"])
+def test_integers_of_a_table_do_not_overflow(formulae, frame, kind):
+    numbers = np.random.default_rng(1).integers(0, 100, len(frame)).astype(kind)
+    table = frame.assign(k=numbers, level=(numbers % 3).astype(kind))
+    data = ps.RegressionData.from_formula("Y ~ I((k - 100)**11) + k:v + C(level)", table)
+    assert {"C(level)[1]", "C(level)[2]"} < {*data.coefficients}
+    column = [name.startswith("I(") for name in data.coefficients].index(True)
+    np.testing.assert_allclose(data.design_matrix[:, column], (numbers.astype(float) - 100.0) ** 11)
+    exact = ps.ConjugatePrior().exact(data)
+    np.testing.assert_allclose(exact.predict(table[:9])[0], exact.predict(data.design_matrix[:9])[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("formula", "leaks"), [("center(Y) ~ v", True), ("I(Y - np.mean(Y)) ~ v", True), ("I(2 * Y) ~ center(v)", False)]
+)
+def test_a_response_of_all_rows_is_not_cross_validated(formulae, frame, formula, leaks):
+    data = ps.RegressionData.from_formula(formula, frame)
+    if not leaks:
+        assert len(cross_validation(data, 3).training) == 3
+        return
+    with refused(ps.InferenceError, "Y"):
+        cross_validation(data, 3)
+
+
+def test_columns_that_are_not_used_may_be_complex(frame):
+    data = ps.RegressionData.from_arrays(frame.assign(c=1j * frame["v"]), frame["Y"], ["v", "r"])
+    np.testing.assert_array_equal(data.design_matrix, frame[["v", "r"]])
+
+
+def test_names_may_be_numbers(frame):
+    table = frame[["v", "r"]].set_axis([0, 1], axis=1)
+    for names in ([1, 0], ["1", "0"]):
+        assert ps.RegressionData.from_arrays(table, frame["Y"], names).coefficients == ("1", "0")

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import FAMILIES, prior_family
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.weak_form import coefficient_scales, weak_form, weak_form_start
@@ -149,6 +150,35 @@ test_errors_of_rows = wording(
             ),
         )
         for what in ("time", "run")
+    ),
+    (
+        "^The formula 'Y ~ v' must hold for the table, found: a column of Python objects, neither numbers nor texts; ",
+        lambda frame: ps.RegressionData.from_formula("Y ~ v", frame.assign(v=frame["v"].astype(object))),
+    ),
+    (
+        "^Rows held out must not reach a fit, found a response that depends on all rows in 'center.Y. ~ v'; take a",
+        lambda frame: cross_validation(ps.RegressionData.from_formula("center(Y) ~ v", frame)),
+    ),
+    *(
+        (
+            f"^Regression data have magnitudes from 1e-100 to 1e.100, whose squares are numbers, found {found}; take",
+            lambda frame, X=X, y=y: ps.RegressionData.from_arrays(
+                X * frame[["v"]].to_numpy(), y * frame["Y"].to_numpy()
+            ),
+        )
+        for X, y, found in [(1e-200, 1.0, r"\S+ in x1"), (1.0, 1e160, r"\S+ in the response")]
+    ),
+    *(
+        (
+            f"^Rows are given by integers or a mask, one or more, found {found}; choose some",
+            lambda frame, index=index: ps.RegressionData.from_arrays(frame[["v"]], frame["Y"]).rows(index),
+        )
+        for index, found in [
+            ([], "0 of type float64"),
+            ([1.0], "1 of type float64"),
+            (np.zeros(60, dtype=bool), "0 of type bool"),
+            (slice(0, 0), "0 of type int64"),
+        ]
     ),
     (
         "^New rows need the columns x1, found p; rename them",

@@ -106,3 +106,9 @@ def test_several_trials_have_one_scaling_and_their_runs():
         ps.regression_data(["trial.csv"], vessel, "yaw")
     with refused(ps.InferenceError, "none"):
         ps.regression_data([], vessel, "yaw")
+
+
+def test_runs_may_be_numbers():
+    data = ps.RegressionData.from_arrays(np.eye(4), np.arange(4.0), run=[1, 1, 2, 2], scaling="none")
+    labels, group = group_of_rows(data, {1: "port", 2: "starboard"})
+    assert (labels, group.tolist()) == (["port", "starboard"], [0, 0, 1, 1])

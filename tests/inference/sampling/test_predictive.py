@@ -188,3 +188,5 @@ def test_the_order_of_dims_changes_nothing():
     turned["posterior"] = tree["posterior"].to_dataset().transpose("coefficient", "draw", "chain")
     found, expected = (with_predictive(one, data, prior, rng=1)["posterior_predictive"] for one in (turned, tree))
     assert found.identical(expected)
+    found, expected = (predict(one, data.design_matrix[:3], rng=1) for one in (turned, tree))
+    assert found.identical(expected)

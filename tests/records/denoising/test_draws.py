@@ -168,7 +168,9 @@ def record():
     rng = np.random.default_rng(3)
     channels = {name: np.sin(time / 9.0) + 0.05 * rng.standard_normal(600) for name in ("u", "v")}
     channels["delta"] = np.cos(time / 9.0)
-    return xr.Dataset({k: ("time", c, {"units": "m/s"}) for k, c in channels.items()}, {"time": time}, {"vessel": "a"})
+    units = {"u": "m/s", "v": "m/s", "delta": "rad"}
+    variables = {k: ("time", c, {"units": units[k]}) for k, c in channels.items()}
+    return xr.Dataset(variables, {"time": time}, {"vessel": "a"})
 
 
 def test_each_draw_of_a_trial_is_a_trial():

@@ -18,7 +18,9 @@ def ramp(n_time=20_000, slope=0.01):
     """A record whose heading grows steadily, at 50 Hz."""
     time = 0.02 * np.arange(n_time)
     channels = {"psi": slope * time, "u": np.full(n_time, 7.0), "delta": np.zeros(n_time)}
-    return xr.Dataset({k: ("time", c, {"units": "SI"}) for k, c in channels.items()}, {"time": time}, {"vessel": "a"})
+    units = {"psi": "rad", "u": "m/s", "delta": "rad"}
+    variables = {k: ("time", c, {"units": units[k]}) for k, c in channels.items()}
+    return xr.Dataset(variables, {"time": time}, {"vessel": "a"})
 
 
 def read(instrument, trial=None, seed=1):
@@ -58,7 +60,7 @@ def test_a_clock_that_jitters_errs_by_slope_times_jitter():
 
 
 def test_channels_of_an_instrument_share_their_instants():
-    trial = ramp().assign(y=ramp()["psi"] * 3.0)
+    trial = ramp().assign(y=("time", 3.0 * ramp()["psi"].values))
     reading = read(ps.Instrument(sd={"psi": 0.0, "y": 0.0}, jitter=0.03), trial)
     np.testing.assert_allclose(reading["y"], 3.0 * reading["psi"], atol=1e-12)
 
@@ -110,3 +112,15 @@ def test_a_function_is_a_kind_of_noise_and_comes_after_an_instrument():
     assert set(np.unique(reading["u"])) == {7.0, 8.0}
     assert not np.array_equal(reading["psi"], trial["psi"])
     assert reading.identical(read(["fluxgate_compass", spiky], trial))
+
+
+def test_a_function_that_changes_its_argument_leaves_the_clean_trial():
+    def shifted(clean, rng):
+        clean["psi"].values[:] += 1.0
+        clean.attrs["vessel"] = "b"
+        return clean
+
+    trial = ramp(100)
+    reading = read(shifted, trial)
+    assert trial.identical(ramp(100))
+    assert reading["psi"].equals(ramp(100)["psi"] + 1.0)

@@ -8,6 +8,7 @@ from scipy.stats import chi2, kstest
 import pymc_ship as ps
 from pymc_ship.records.files.noise import NOISES, noise_factors, noisy_trial
 from pymc_ship.trial.record import second_difference_sd
+from tests.sentences import refused
 
 FACTORS = {"u": 0.3, "v": 1.0, "r": 0.3, "p": 0.3, "phi": 0.3, "psi": 0.3}
 LEVEL = 0.05
@@ -181,3 +182,9 @@ class TestSecondDifferences:
     def test_they_miss_most_of_a_noise_that_is_correlated(self):
         walk = np.cumsum(np.random.default_rng(3).standard_normal(5000))
         assert second_difference_sd(walk) < 0.1 * walk.std()
+
+
+@pytest.mark.parametrize("factor", [-1.0, np.nan, np.inf, None])
+def test_a_factor_that_is_no_size_is_refused(zigzag_trial, factor):
+    with refused(ps.TrialError, "r"):
+        ps.pollute(zigzag_trial, level=0.1, rng=1, factors={"r": factor})

@@ -83,7 +83,8 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     Raises
     ------
     InferenceError, TrialError
-        For a prior without a scale of some coefficient; if a polynomial model has no test at the nominal revolutions.
+        For a prior without a scale of some coefficient; for tests that are not finite; if a polynomial model has no
+        test at the nominal revolutions.
 
     Examples
     --------
@@ -108,6 +109,9 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
             f"coefficients of {vessel.name!r}, found {int(np.isfinite(prior.scale).sum())} of {prior.scale.size}; use "
             "coefficient_prior with order_damped."
         )
+    bad = [str(name) for name, values in tests.items() if not np.isfinite(values.values).all()]
+    if bad:
+        raise TrialError(f"Captive tests must be finite, found NaN or infinity in {', '.join(bad)}; drop such tests.")
     tests = nominal_revolution_tests(tests, vessel)
     if not tests.sizes["test"]:
         raise TrialError(

@@ -8,7 +8,7 @@ import numpy as np
 
 from pymc_ship.inference.regression.priors import Prior, rescaled_prior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, short_repr
 from pymc_ship.machine.errors import InferenceError
 
 
@@ -69,8 +69,14 @@ def cross_validation(
     """Split the rows into folds as :func:`fold_rows`, and decompose the training rows of each, to score any priors.
 
     Blocks are of rows in order of time, run after run. The training rows of a fold are scaled by themselves: no value
-    of the rows held out reaches the fit. InferenceError also if a response does not vary over training rows.
+    of the rows held out reaches the fit. InferenceError also if a response does not vary over training rows, or
+    depends on all rows by its formula.
     """
+    if data.formula is not None and data.formula.pools_response:
+        raise InferenceError(
+            "Rows held out must not reach a fit, found a response that depends on all rows in "
+            f"{short_repr(data.formula.text)}; take a response of each row by itself, and scaling='zscore'."
+        )
     labels = list(dict.fromkeys(data.run.tolist()))
     order = np.lexsort((data.time, np.array([labels.index(run) for run in data.run.tolist()])))
     held_out = [np.sort(order[rows]) for rows in fold_rows(data.n_rows, folds, split=split, rng=rng)]

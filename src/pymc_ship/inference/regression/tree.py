@@ -211,10 +211,12 @@ def _check_contents(tree: xr.DataTree) -> None:
                         f"{key!r} of {of}; convert it, such as by json.dumps, or leave it out."
                     )
         for name, variable in group.variables.items():
-            if variable.dtype.kind not in "biufUSMmO":
+            items = variable.to_numpy().ravel().tolist() if variable.dtype.kind == "O" else []
+            missing = any(item is None or (isinstance(item, float) and item != item) for item in items)
+            if missing or variable.dtype.kind not in "biufUSMmO":
+                found = "None or NaN among texts" if missing else f"the type {variable.dtype}"
                 raise ValueError(
-                    f"A posterior has real numbers and texts, found the type {variable.dtype} in {name} of "
-                    f"{node.path}; convert it."
+                    f"A posterior has real numbers and texts, found {found} in {name} of {node.path}; convert it."
                 )
 
 

@@ -21,6 +21,7 @@ UNEVEN = 30.0
 """Largest over smallest column norm above which an unscaled design is called uneven: a lower bound of the condition
 number, with the limit of Belsley, Kuh & Welsch (1980), Regression Diagnostics, doi:10.1002/0471725153, ch. 3."""
 
+_SMALLEST, _LARGEST = 1e-100, 1e100  # magnitudes of columns and response
 FEWEST_ROWS = 4  # rows that sizes of columns and response are judged over, at least
 
 
@@ -66,8 +67,10 @@ class RegressionData:
 
     def __post_init__(self) -> None:
         for name in ("design_matrix", "response", "column_center", "column_scale", "time", "run"):
-            values = np.asarray(getattr(self, name)).view()
-            values.setflags(write=False)  # decompositions are kept
+            values = np.asarray(getattr(self, name))
+            if values.flags.writeable:  # decompositions are kept
+                values = values.view()
+                values.setflags(write=False)
             object.__setattr__(self, name, values)
 
     @classmethod
@@ -145,13 +148,15 @@ class RegressionData:
         for what, column in {"response": response, "time": time, "run": run}.items():
             check_same_rows(design_matrix, column, what)
         if is_frame(design_matrix):
-            coefficients = frame_names(design_matrix) if coefficients is None else tuple(coefficients)
+            coefficients = frame_names(design_matrix) if coefficients is None else tuple(map(str, coefficients))
             design_matrix = frame_columns(design_matrix, coefficients, "The rows")
         X = real_array("The design matrix", design_matrix, InferenceError)
         y = real_array("The response", response, InferenceError)
         if X.ndim != 2 or X.size == 0:
             raise InferenceError(f"A design matrix has shape (rows, terms), found {X.shape}; reshape it.")
-        names = tuple(coefficients) if coefficients is not None else tuple(f"x{j + 1}" for j in range(X.shape[1]))
+        names = (
+            tuple(map(str, coefficients)) if coefficients is not None else tuple(f"x{j + 1}" for j in range(X.shape[1]))
+        )
         times = np.arange(len(y), dtype=float) if time is None else real_array("The time", time, InferenceError)
         runs = np.full(len(y), "1") if run is None else label_array("The run", run, InferenceError)
         _check(X, y, names, times, runs)
@@ -221,7 +226,13 @@ class RegressionData:
         return (self.response - self.response_center) / self.response_scale
 
     def rows(self, index: np.ndarray) -> RegressionData:
-        """Data of the given rows (integers or mask), with the scaling of the whole."""
+        """Data of the given rows (integers or mask), with the scaling of the whole; InferenceError for none."""
+        index = np.arange(self.n_rows)[index] if isinstance(index, slice) else np.asarray(index)
+        chosen = np.count_nonzero(index) if index.dtype.kind == "b" else index.size
+        if not chosen or index.dtype.kind not in "biu":
+            raise InferenceError(
+                f"Rows are given by integers or a mask, one or more, found {chosen} of type {index.dtype}; choose some."
+            )
         names = ("design_matrix", "response", "time", "run")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
@@ -353,6 +364,14 @@ def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...], time: np.ndarra
         raise InferenceError(f"Coefficient names must differ, found {', '.join(twice)} more than once.")
     bad = [name for j, name in enumerate(names) if not np.isfinite(X[:, j]).all()]
     bad += [f"the {what}" for what, values in {"response": y, "time": time}.items() if not np.isfinite(values).all()]
+    if not bad:
+        sizes = dict(zip(names, np.abs(X).max(axis=0), strict=True)) | {"the response": np.abs(y).max()}
+        far = {name: size for name, size in sizes.items() if size and not _SMALLEST < size < _LARGEST}
+        if far:
+            raise InferenceError(
+                f"Regression data have magnitudes from {_SMALLEST:g} to {_LARGEST:g}, whose squares are numbers, found "
+                f"{', '.join(f'{size:.2g} in {name}' for name, size in far.items())}; take other units."
+            )
     if bad:
         where = ", ".join(bad)
         raise InferenceError(f"Regression data must be finite, found NaN or infinity in {where}; clean the trial.")

@@ -8,9 +8,10 @@ from __future__ import annotations
 import copy
 import pickle
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from logging import WARNING, getLogger
 from logging.handlers import BufferingHandler
@@ -46,6 +47,8 @@ def frame_columns(frame: Any, names: Sequence[str], what: str) -> np.ndarray:
     """Columns of a table by name, shape (n_rows, n_names); InferenceError if missing, repeated or not numeric."""
     check_names(frame, names, what)
     available, values = frame_names(frame), frame.to_numpy()
+    if values.dtype.kind == "c":  # of one column makes all complex
+        values = frame.to_numpy(dtype=object)
     columns = [real_array(f"The column {name}", values[:, available.index(name)], InferenceError) for name in names]
     return np.column_stack(columns) if columns else np.empty((len(values), 0))
 
@@ -125,7 +128,8 @@ class Formula:
     """Formula of a regression, with the names of its terms and variables.
 
     ``terms`` (formulae.matrices.CommonEffectsMatrix) keep the state of transformations such as ``scale(v)``, ``scope``
-    the user's variables and functions. ``sample`` is a table of some fitted rows, with their terms.
+    the user's variables and functions. ``sample`` is a table of some fitted rows, with their terms; ``floats`` are
+    types by name of integer variables, and ``pools_response`` is whether the response of a row depends on other rows.
     """
 
     text: str
@@ -134,6 +138,8 @@ class Formula:
     terms: Any
     scope: _Scope
     sample: tuple[Any, np.ndarray]
+    floats: Mapping[str, str] = field(default_factory=dict)
+    pools_response: bool = False
 
     def columns(self, frame: Any, coefficients: Sequence[str]) -> np.ndarray:
         """Terms of the given names for a table of the variables, shape (n_new, n_names)."""
@@ -154,7 +160,7 @@ class Formula:
 
     def _evaluate(self, frame: Any) -> np.ndarray:
         try:
-            design = self.terms.evaluate_new_data(frame).design_matrix
+            design = self.terms.evaluate_new_data(_converted(frame, self.floats)).design_matrix
         except Exception as error:  # a formula may call anything
             raise InferenceError(_sentence(self.text, "the new rows", error)) from None
         return real_array("The terms of the formula", design, InferenceError)
@@ -225,7 +231,10 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
     scope.outer = Environment.capture(_FRAMES)
     log.addHandler(messages)
     try:
-        matrices = design_matrices(formula, frame, na_action="error", env=Environment([scope]))
+        make = partial(design_matrices, na_action="error", env=Environment([scope]))
+        matrices = make(formula, frame)
+        if floats := _floats(frame, matrices):
+            matrices = make(formula, frame := _converted(frame, floats))
         unread = _unread(formula)
     except Exception as error:  # a formula may call anything
         raise InferenceError(_sentence(formula, "the table", error)) from None
@@ -243,8 +252,34 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
     columns = real_array("The terms of the formula", named.to_numpy(), InferenceError)
     few = np.unique(np.linspace(0, len(columns) - 1, min(_SAMPLE_ROWS, (len(columns) + 1) // 2)).round().astype(int))
     sample = frame[list(variables)].iloc[few].copy(), columns[few]
-    parsed = Formula(formula, frame_names(named), variables, terms, scope, sample)
-    return columns, matrices.response.design_matrix, parsed
+    response = matrices.response.design_matrix
+    pools = _pools_response(partial(make, formula.partition("~")[0] + "~ 1"), frame.iloc[few], response[few])
+    return columns, response, Formula(formula, frame_names(named), variables, terms, scope, sample, floats, pools)
+
+
+def _floats(frame: Any, matrices: Any) -> dict[str, str]:
+    """Types of integer variables in which products do not overflow; categories stay integers."""
+    terms = [] if matrices.common is None else list(matrices.common.terms.values())
+    terms += [] if matrices.response is None else [matrices.response.term.term]
+    parts = [part for term in terms for part in getattr(term, "components", ())]
+    categories = set().union(*(part.var_names for part in parts if part.kind == "categoric"))
+    names = [name for name in frame.columns if name in _variables(terms)]
+    integers = [name for name in names if getattr(frame[name].dtype, "kind", "O") in "iu"]
+    return {name: "int64" if name in categories else "float64" for name in integers}
+
+
+def _converted(frame: Any, types: Mapping[str, str]) -> Any:
+    """Table whose integer columns of these names have these types."""
+    integers = {name: kind for name, kind in types.items() if getattr(frame[name].dtype, "kind", "O") in "iu"}
+    return frame.astype(integers) if integers else frame
+
+
+def _pools_response(make: Callable[[Any], Any], rows: Any, response: np.ndarray) -> bool:
+    """Whether the response of some rows is another one without the others."""
+    with suppress(Exception):  # of a function that needs more rows
+        alone = make(rows).response.design_matrix
+        return bool(np.abs(alone - response).max() > 1e-9 * np.abs(response).max())
+    return True
 
 
 def _unread(formula: str) -> str:
@@ -291,6 +326,8 @@ def _check_terms(formula: str, frame: Any, matrices: Any) -> None:
 
 def _sentence(formula: str, what: str, error: Exception | str) -> str:
     reason = f"no variable {error}" if isinstance(error, KeyError) else f"{error}".rstrip(".")
+    if "unrecognized type" in reason:
+        reason = "a column of Python objects, neither numbers nor texts"
     if isinstance(error, KeyError) and re.search(rf"\b{re.escape(str(error.args[0]))}\.\w", formula):
         reason = f"a method of {error}, in place of a function"
     return f"The formula {short_repr(formula)} must hold for {what}, found: {reason}; correct one of them."

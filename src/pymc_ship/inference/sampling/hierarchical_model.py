@@ -166,7 +166,7 @@ def hierarchical_posterior(
 def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tuple[list[str], np.ndarray]:
     """Labels of the groups, and group index of each row; InferenceError for one group only or a run without a group."""
     runs = list(dict.fromkeys(data.run.tolist()))
-    groups = {run: run for run in runs} if groups is None else groups
+    groups = {run: run for run in runs} if groups is None else {str(run): group for run, group in groups.items()}
     lacking = [run for run in runs if run not in groups]
     if lacking:
         raise InferenceError(f"Every run needs a group, found none for {', '.join(lacking)}; give its group.")

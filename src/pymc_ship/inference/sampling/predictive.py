@@ -91,7 +91,10 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     >>> print(f"{np.mean((lower < new.response) & (new.response < upper)):.2f}")
     1.00
     """
-    rng, posterior = random_generator(rng), tree["posterior"].to_dataset()
+    rng, posterior = (
+        random_generator(rng),
+        tree["posterior"].to_dataset().transpose("chain", "draw", ..., missing_dims="ignore"),
+    )
     dims = posterior["coefficients"].dims if "coefficients" in posterior else ()
     if dims != ("chain", "draw", "coefficient") or "noise_variance" not in posterior:
         raise ValueError(

@@ -138,7 +138,7 @@ def simulate_readings(
     channels = [name for one in functions if isinstance(one, Instrument) for name in one.sd]
     if twice := sorted({name for name in channels if channels.count(name) > 1}):
         raise TrialError(f"A channel has one instrument, found two for {', '.join(twice)}; leave one of them out.")
-    trial = clean
+    trial = clean.copy(deep=True)  # a function may change its argument
     for function in functions:
         trial = function(trial, rng)
         if not (isinstance(trial, xr.Dataset) and "time" in trial.coords and trial["time"].equals(clean["time"])):

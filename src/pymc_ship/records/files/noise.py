@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import finite_number
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.records.files.instruments import Noise, simulate_readings
@@ -100,8 +101,8 @@ def pollute(
     Raises
     ------
     TrialError
-        For a negative or unknown level, an unknown channel or instrument, both or neither of level and noise, two
-        instruments for a channel, a function that does not return a trial.
+        For a negative or unknown level, a negative factor, an unknown channel or instrument, both or neither of level
+        and noise, two instruments for a channel, a function that does not return a trial.
 
     References
     ----------
@@ -128,6 +129,8 @@ def pollute(
     unknown = [name for name in factors if name not in noisy]
     if unknown:
         raise TrialError(f"Noise goes on the channels {', '.join(noisy)}; found {', '.join(unknown)}; rename them.")
+    for name, factor in factors.items():
+        finite_number(f"The noise factor of {name}", factor, TrialError, least=0.0)
     names = [name for name in factors if name in trial]
     check_trial(trial, names, uniform=False)
     polluted = trial.copy()
