@@ -103,11 +103,10 @@ class RegressionData:
             Without formulae, for a formula with group-level terms or that does not fit, and as :meth:`from_arrays`.
         """
         design_matrix, response, parsed_formula = formula_rows(formula, frame)
-        given: dict[str, Any] = {"time": time, "run": run}
-        for what, column in given.items():
+        for what, column in {"time": time, "run": run}.items():
             check_same_rows(frame, column, what)
-        names = parsed_formula.names
-        data = cls.from_arrays(design_matrix, response, names, scaling=scaling, **given, **labels)
+        given: dict[str, Any] = {"scaling": scaling, "time": time, "run": run, **labels}
+        data = cls.from_arrays(design_matrix, response, parsed_formula.names, **given)
         return replace(data, formula=parsed_formula)
 
     @classmethod
@@ -225,7 +224,7 @@ class RegressionData:
         """Scaled response, shape (n_rows,)."""
         return (self.response - self.response_center) / self.response_scale
 
-    def rows(self, index: np.ndarray) -> RegressionData:
+    def rows(self, index: np.ndarray | slice | Sequence[int]) -> RegressionData:
         """Data of the given rows (integers or mask), with the scaling of the whole; InferenceError for none."""
         index = np.arange(self.n_rows)[index] if isinstance(index, slice) else np.asarray(index)
         chosen = np.count_nonzero(index) if index.dtype.kind == "b" else index.size

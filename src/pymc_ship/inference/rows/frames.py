@@ -10,7 +10,7 @@ import pickle
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from logging import WARNING, getLogger
@@ -254,7 +254,8 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
     sample = frame[list(variables)].iloc[few].copy(), columns[few]
     response = matrices.response.design_matrix
     pools = _pools_response(partial(make, formula.partition("~")[0] + "~ 1"), frame.iloc[few], response[few])
-    return columns, response, Formula(formula, frame_names(named), variables, terms, scope, sample, floats, pools)
+    parsed = Formula(formula, frame_names(named), variables, terms, scope, sample)
+    return columns, response, replace(parsed, floats=floats, pools_response=pools)
 
 
 def _floats(frame: Any, matrices: Any) -> dict[str, str]:
