@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -144,15 +143,10 @@ class TestUnits:
         assert check_trial(trial, ["u"]) is trial
 
 
-def test_attrs_that_a_file_does_not_give_back_are_named(tmp_path):
-    """As comment lines of the file, too."""
-    stated = record().assign_attrs(speeds="over ground", facility="basin")
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        path = ps.write_trial(stated, tmp_path / "trial.csv")
-    assert [one.category for one in warned] == [UserWarning]
-    assert all(text in str(warned[0].message) for text in ("over ground", "basin", "format"))
-    assert ps.read_trial(path)["u"].size == record()["u"].size
-    text = path.read_text(encoding="utf-8")
-    assert 'speeds = "over ground"' in text
-    assert 'facility = "basin"' in text
+def test_a_file_keeps_what_its_speeds_are_and_its_facility(tmp_path):
+    """A format file has precedence."""
+    settings = {"speeds": "over ground", "facility": "basin"}
+    path = ps.write_trial(record().assign_attrs(settings), tmp_path / "trial.csv")
+    assert settings.items() <= ps.read_trial(path).attrs.items()
+    assert ps.read_trial(path, format={"facility": "pond"}).attrs["facility"] == "pond"
+    assert not settings.keys() & ps.read_trial(ps.write_trial(record(), tmp_path / "trial.csv")).attrs.keys()

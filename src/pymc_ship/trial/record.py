@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -126,16 +125,18 @@ def sampling_interval(trial: xr.Dataset) -> float:
 AXES, ASSUMED = "axes", "axes assumed"  # attribute of a trial whose file does not show its axes, and its value
 
 
+SETTINGS = ("speeds", "facility")  # attributes of a trial that its file keeps
+
+
 def rudder_line(side: str) -> str:
     """Comment line of a file on the side that a positive rudder turns to."""
     return f'# rudder_positive = "{side}"'
 
 
 def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
-    """Write the channels of a trial to CSV, without loss of digits, and the side of a positive rudder.
+    """Write the channels of a trial to CSV, without loss of digits.
 
-    The attrs ``speeds`` and ``facility`` become comment lines, with a warning: :func:`pymc_ship.read_trial` takes them
-    from a format file.
+    Comment lines keep the side of a positive rudder and the attrs ``speeds`` and ``facility``.
 
     Parameters
     ----------
@@ -162,18 +163,13 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     path, trial = Path(path), as_trial(trial)
     names = [name for name in CHANNELS if name in trial]
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
-    stated = {key: trial.attrs[key] for key in ("speeds", "facility") if trial.attrs.get(key)}
+    settings = {key: trial.attrs[key] for key in SETTINGS if trial.attrs.get(key)}
     with staged_path(path) as partial, partial.open("w", encoding="utf-8") as file:
         assumed = f", {ASSUMED}" if trial.attrs.get(AXES) else ""
         file.write(f"{rudder_line('port')}{assumed}\n" if "delta" in names else "")
-        file.writelines(f'# {key} = "{value}"\n' for key, value in stated.items())
+        file.writelines(f'# {key} = "{value}"\n' for key, value in settings.items())
         file.write(",".join(["time", *names]) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
-    if stated:
-        texts = " and ".join(f'{key} = "{value}"' for key, value in stated.items())
-        warnings.warn(
-            f"A trial file is read without its attrs, found {texts}; state them in a format file.", stacklevel=2
-        )
     return path
 
 

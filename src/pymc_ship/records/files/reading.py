@@ -40,7 +40,7 @@ from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
 from pymc_ship.records.files.tables import Columns, bag_of, binary_columns, cell_texts, check_size, nmea_columns
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, rudder_line
+from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
 
 _COMMENTS = ("#", "%")
 _FEWEST_LINES, _MOST_TITLES = 4, 50  # lines of a table that have titles before the header, and the most of these
@@ -104,8 +104,10 @@ class FileReading:
 def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = None) -> FileReading:
     """Trial of a file as by :func:`read_trial`, with what each column was taken for."""
     path, layout = bag_of(Path(path)), load_format(format)
-    stated = layout
     table = _with_nanoseconds(text_table(path, layout))
+    usual = TrialFormat()
+    settings = {key: text for key, text in table.settings.items() if getattr(layout, key) == getattr(usual, key)}
+    layout = stated = replace(layout, **settings)
     columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)
     if not layout.convention and any(column.named_by == ROS for column in columns.values()):
         layout = stated = replace(layout, convention="enu-flu")
@@ -187,6 +189,7 @@ def _undelayed(raw: dict[str, np.ndarray], time: np.ndarray, delays: Mapping[str
 class TextTable:
     """Headings, units, rows of cells, line number of each row, notes, and the side of the rudder if the file has it.
 
+    ``settings``: keys of the format that a file of :func:`pymc_ship.write_trial` states, such as ``facility``.
     ``shows_axes``: whether a file of its kind has axes of its own, that of a logger or of this package. ``begins``: the
     first row of each file, for a table of several.
     """
@@ -199,6 +202,7 @@ class TextTable:
     rudder_positive: str = ""
     shows_axes: bool = False
     begins: dict[str, int] = field(default_factory=dict)
+    settings: dict[str, str] = field(default_factory=dict)
 
 
 def _text(path: Path) -> str:
@@ -246,7 +250,10 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     stated = next((side for _, line in comments for side in _SIDES if line.startswith(rudder_line(side))), "")
     own = bool(stated) and not any(ASSUMED in line for _, line in comments)
     cells, at = [row for _, row in whole], [number for number, _ in whole]
-    return TextTable(headings, units, cells, lines=at, notes=notes, rudder_positive=stated, shows_axes=own)
+    begins = {key: f'# {key} = "' for key in SETTINGS}
+    settings = {k: one.split('"')[1] for k, begin in begins.items() for _, one in comments if one.startswith(begin)}
+    table = TextTable(headings, units, cells, lines=at, notes=notes)
+    return replace(table, rudder_positive=stated, shows_axes=own, settings=settings)
 
 
 def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
