@@ -106,7 +106,7 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     path, layout = bag_of(Path(path)), load_format(format)
     table = _with_nanoseconds(text_table(path, layout))
     usual = TrialFormat()
-    settings = {key: text for key, text in table.settings.items() if getattr(layout, key) == getattr(usual, key)}
+    settings: dict[str, Any] = {k: v for k, v in table.settings.items() if getattr(layout, k) == getattr(usual, k)}
     layout = stated = replace(layout, **settings)
     columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)
     if not layout.convention and any(column.named_by == ROS for column in columns.values()):
