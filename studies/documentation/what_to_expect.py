@@ -25,7 +25,7 @@ true ones. [How these ships were made](case_studies/foreign_ships.md#a-populatio
 | --- | --- | --- | --- |
 {trials}
 
-Errors are in ship lengths, in L/U for times, and in swings of the heading for overshoot angles. Over all ships,
+Errors are in ship lengths, in L/U for times, and in peak headings for overshoot angles. Over all ships,
 {share} % of {indices} intervals hold the truth. The tactical diameter has a median error of {diameter} L.
 
 [Four published simulators](case_studies/foreign_ships.md) gave {cases} further cases. There the median error of the

@@ -218,13 +218,13 @@ def of_model_error():
     without = int(np.sum(np.abs(errors) < NORMAL_95 * known_sd(held_out)))
     return [
         f"shows the {len(held_out)} held-out indices of the KVLCC2. Without the model error {without} of them",
-        f"| overshoot angle | swing of the heading | {angle} |",
+        f"| overshoot angle | peak heading: switching heading plus overshoot | {angle} |",
         f"| time | L/U | {time} |",
         f"| distance | L | {distance} |",
         f"| angle of roll | itself | {constants()['index_typical'].value['roll']:.3f} |",
         f"whose median adds an sd of {value('index_extrapolation_sd')} for each range",
         f"a forecast states at most {SUREST}",
-        f"is {float(table('kvlcc2/tables/model_error')[0]['median']):.3f} of the swing of the heading",
+        f"is {float(table('kvlcc2/tables/model_error')[0]['median']):.3f} of the peak heading",
         f"intervals of 95 % hold {share(rows('trials')['one 20/20'], 95)} %.",
     ]
 

@@ -19,14 +19,14 @@ LEVEL, SEED, SWEEP = 0.01, 3, (1e-4, 1e-2)
 SHOWN = (LEVEL, LITERAL_LEVEL)
 
 
-def parts_of(*names):
-    """Kind of posterior whose sections of these names have parts, and no others, which take long to draw."""
+def subsections_of(*names):
+    """Kind of posterior whose sections of these names have subsections, and no others, which take long to draw."""
 
-    def parts(one, ship, rng):
-        return REGRESSION.parts(one, ship, rng) if one.name in names else []
+    def subsections(one, ship, rng):
+        return REGRESSION.subsections(one, ship, rng) if one.name in names else []
 
-    subject = replace(REGRESSION, parts=parts)
-    return lambda tree: subject
+    kind = replace(REGRESSION, subsections=subsections)
+    return lambda tree: kind
 
 
 SUMMARY = {"family", "dof", "coefficients", "median", "under_5", "under_20", "under_50", "coverage"}

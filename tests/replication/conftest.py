@@ -11,7 +11,7 @@ from pymc_ship.inference.regression import identify as identification
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import page as report
 from pymc_ship.replication import study
-from tests.replication.cases import LEVEL, SEED, SWEEP, Page, parts_of
+from tests.replication.cases import LEVEL, SEED, SWEEP, Page, subsections_of
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def result(container):
 def folder(result, tmp_path_factory):
     out = tmp_path_factory.mktemp("study")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(diagnostic_report, "posterior_kind", parts_of("surge, conjugate"))
+        patch.setattr(diagnostic_report, "posterior_kind", subsections_of("surge, conjugate"))
         assert report.write_study(result, out) == out / "index.html"
     return out
 

@@ -36,7 +36,7 @@ from tests.replication.cases import (
     UNKNOWN,
     Page,
     median_errors,
-    parts_of,
+    subsections_of,
     unpublished,
 )
 
@@ -364,7 +364,7 @@ def test_a_study_whose_chains_fail_says_where_and_writes_both_pages(result, tmp_
     assert re.match(
         r".* in 1 of 8 posteriors, first in yaw, conjugate: nuts: largest R-hat ", failure_sentence(broken.comparisons)
     )
-    monkeypatch.setattr(diagnostic_report, "posterior_kind", parts_of())
+    monkeypatch.setattr(diagnostic_report, "posterior_kind", subsections_of())
     monkeypatch.setattr(report, "_trace_figures", lambda result: [])
     report.write_study(broken, tmp_path)
     pages = [(tmp_path / name).read_text(encoding="utf-8") for name in ("index.html", "diagnostics.html")]

@@ -28,8 +28,8 @@ STEPS = (2.0, 1.0, 0.5)  # deg, of coarse indicators
 RATE = 0.1  # difference from the vessel file's rudder rate that passes
 GEAR, AT_ONCE = 5.0, 3.0  # rate [deg/s] of a quick gear; ratio to the rate of the gear that only an order has
 PAUSE = 0.25  # fraction of a move's largest step up to which the rudder pauses
-LEAD, SHIFTED, SHIFT_ERRORS = -0.035, 0.08, 2.0  # L/U by which the yaw of ships follows their rudder in this equation,
-# with an sd of 0.021 over forty zigzags of twelve ships; L/U, and standard errors, from which the rudder is shifted
+LEAD = -0.035  # L/U, usual shift of this equation of yaw without one; within 0.07 L/U on other simulators' ships
+SHIFTED, SHIFT_ERRORS = 0.1, 2.0  # L/U, and standard errors, from which the rudder is shifted
 _REVERSED = 0.3  # lesser over larger rudder angle, to both sides
 _PER_LENGTH = 60  # means in L/U
 _MEAN, _SHIFTS = 0.2, np.linspace(-0.4, 0.4, 41)  # L/U of the moving mean; tried shifts
