@@ -234,7 +234,9 @@ class TestWords:
         draws.attrs["vessel"] = "container"
         ps.write_posterior(draws, tmp_path / "joint.nc")
         words = ["forecast", str(tmp_path / "joint.nc"), "--vessel", "container", "--rudder-kick", "20/40"]
-        assert main([*words, "--draws", "8", "--duration", "60", "--out", str(tmp_path / "page")]) == 0
+        assert (
+            main([*words, "--draws", "8", "--duration", "60", "--side", "port", "--out", str(tmp_path / "page")]) == 0
+        )
         shown = capsys.readouterr().out
         assert "rudder kick 20/40 port: 8 draws" in shown
         assert ("time to midships" in shown) == bool(kind.indices)
