@@ -142,6 +142,12 @@ class TestUnits:
         trial[name].attrs["units"] = units
         assert check_trial(trial, ["u"]) is trial
 
+    def test_units_that_arithmetic_passed_on_are_not_those_of_the_channel(self):
+        trial = record()
+        trial["psi"] = ("time", np.zeros(trial.sizes["time"]), {"units": "rad"})
+        turning = trial["psi"].differentiate("time").assign_attrs(units="rad")
+        assert check_trial(trial.assign(r=turning, x=trial["time"] * 5.0), ["u"])
+
 
 def test_a_file_keeps_what_its_speeds_are_and_its_facility(tmp_path):
     """A format file has precedence."""

@@ -33,10 +33,15 @@ def as_trial(trial: object) -> xr.Dataset:
 
 
 def _check_unit(name: str, stated: object) -> None:
-    """Raise TrialError for an attribute ``units`` of a channel that is not its SI unit."""
+    """Raise TrialError for an attribute ``units`` of a channel that is neither its SI unit nor of another quantity.
+
+    Arithmetic of xarray passes the units of an operand on, such as those of psi to its derivative.
+    """
     unit = (TIME if name == "time" else CHANNELS[name]).unit
     factor = unit.factor(str(stated))
     if stated in ("", unit.name) or factor == 1.0 or (name == "time" and factor is None):  # "seconds since", too
+        return
+    if factor is None and any(channel.unit.factor(str(stated)) for channel in (TIME, *CHANNELS.values())):
         return
     remedy = "correct it" if factor is None else f"multiply the values by {factor:.9g} and state this unit"
     raise TrialError(f"Channel {name} must be in {unit.name}, found the units {short_repr(stated)}; {remedy}.")

@@ -176,7 +176,7 @@ def test_sets_for_a_ship_ahead_take_the_piece_in_which_she_is(truth, trials):
     cut = longest_modelled_piece(whole, known(truth))
     assert longest_modelled_piece(whole, with_terms(known(truth), ANY_SPEED_SET)) is whole
     assert float(cut["time"][0]) == pytest.approx(200.0, abs=10.0)
-    overruled = ["yaw rate", "speed", "track closure"]
+    overruled = ["jumps", "yaw rate", "speed", "track closure"]
     short, kept = (ps.validated_trial(whole, known(truth), overruled, any_speed=each) for each in (False, True))
     assert short.sizes["time"] < whole.sizes["time"]
     assert kept.sizes["time"] == whole.sizes["time"]
