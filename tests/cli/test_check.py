@@ -53,8 +53,8 @@ def test_the_first_minute_needs_no_option(check):
     assert status == 0
     assert lines[0] == "Columns of run.csv:"
     assert cells(lines[1]) == ["column", "channel", "unit", "channel from", "unit from"]
-    assert cells(lines[2]) == ["Time [s]", "time", "s", "its name", "the heading"]
-    assert cells(lines[3]) == ["STW [kn]", "u", "kn", "a usual heading", "the heading"]
+    assert cells(lines[2]) == ["Time [s]", "time", "s", "its name", "its name"]
+    assert cells(lines[3]) == ["STW [kn]", "u", "kn", "a usual name", "its name"]
     assert cells(lines[7])[0] == "Temp"
     assert cells(lines[7])[-1] == "left out"
     assert lines[9].startswith("An identification needs, in addition: a vessel file")

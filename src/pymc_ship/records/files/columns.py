@@ -108,7 +108,7 @@ class Column:
     missing: tuple[float, ...] = ()
     delay: float = 0.0
     named_by: str = "its name"
-    unit_by: str = "the heading"
+    unit_by: str = "its name"
 
     @property
     def stated(self) -> bool:
@@ -317,7 +317,7 @@ def _column_of_heading(
     unit = stated or unit_below or (name if channels[0].unit.factor(name) else None)
     if not unit:
         return _without_unit(index, heading, channels, where, unstated)
-    unit_by = "the heading" if unit != unit_below or stated else "the file"
+    unit_by = "its name" if unit != unit_below or stated else "the file"
     for channel in channels:
         if factor := channel.unit.factor(unit):
             known: dict[str, Any] = {"named_by": _named_by(channel, name, heading), "unit_by": unit_by}
@@ -331,7 +331,7 @@ def _named_by(channel: Channel, name: str, heading: str) -> str:
     """What a channel is known by in a file with this heading, whose plain name is ``name``."""
     if _ROS_FIELD.search(heading):
         return ROS
-    return "its name" if name == plain_name(channel.name) else "a usual heading"
+    return "its name" if name == plain_name(channel.name) else "a usual name"
 
 
 class _UnstatedUnitError(TrialError):
@@ -392,7 +392,7 @@ def _chosen_column(
         )
     sources = (
         ("the format file", choice.get("unit")),
-        ("the heading", _name_and_unit(wanted)[1]),
+        ("its name", _name_and_unit(wanted)[1]),
         ("the file", units[matched[0]]),
         ("the format file", unstated),
         (SI_UNIT, channel.unit.name),
