@@ -29,8 +29,8 @@ from pymc_ship.ships.ensemble.motion_error import (
     size_law,
 )
 
-EXTRAPOLATION_SD = constant_value("index_extrapolation_sd")  # typical, per range of the record [swing, L/U, L, roll]
-TYPICAL = constant_by_kind("index_typical")  # median error beyond the draws, over ships [swing, L/U, L, roll]
+EXTRAPOLATION_SD = constant_value("index_extrapolation_sd")  # typical, per range [peak heading, L/U, L, roll]
+TYPICAL = constant_by_kind("index_typical")  # median error beyond the draws, over ships [peak heading, L/U, L, roll]
 LIKELIHOOD_WEIGHT = constant_value("index_likelihood_weight")  # power of each index: errors of one run are correlated
 # Statements of 99 % on extrapolated forecasts of validation ships: correct ones, and all.
 CALIBRATION_HITS, CALIBRATION_TRIALS = (int(constant_value(f"calibration_{name}")) for name in ("hits", "trials"))
@@ -38,7 +38,7 @@ _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
 _SD_PER_RANGE = dict.fromkeys(SCORED_QUANTITIES, EXTRAPOLATION_SD) | {
     quantity: MOTION_EXTRAPOLATION_SD[name] for quantity, name in _OF_MOTION.items()
 }
-_SHARE_OF = {"angle": "swing of heading", "time": "L/U", "distance": "L", "roll": "angle of roll"}
+_SHARE_OF = {"angle": "peak heading", "time": "L/U", "distance": "L", "roll": "angle of roll"}
 _COVERED = 0.95
 
 

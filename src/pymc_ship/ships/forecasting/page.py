@@ -243,7 +243,7 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
     return [
         *remarks,
         "They also include the extrapolation error. For each range of the runs by which the median ship leaves their "
-        f"motion, its sd is {median:.2g} of the swing, of L/U and of L (95 % below {upper:.2g}). This is estimated "
+        f"motion, its sd is {median:.2g} of the peak heading, of L/U and of L (95 % below {upper:.2g}). This comes "
         f"from ships of other simulators {evidence}.{farther}",
     ]
 

@@ -384,15 +384,17 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     units = {name: CHANNELS[name].unit for candidate in result.candidates for name in candidate.held_out.rms}
     runs = heads(str, run="run", manoeuvre="recognised as") | heads(fixed_point(0), duration="duration s")
     runs |= heads(fixed_point(1), duration_L_U="in L/U") | heads(fixed_point(2), approach_speed="approach speed m/s")
-    runs |= heads(n, sampling="sampled every s", fitted_at="fitted every s")
-    runs |= heads(fixed_point(0), checks="checks made") | heads(str, verdict="worst of them")
+    runs |= heads(n, sampling="sampling interval s", fitted_at="interval of the fit s")
+    runs |= heads(fixed_point(0), checks="checks made") | heads(str, verdict="worst verdict")
     sets = heads(str, terms="term set") | heads(fixed_point(0), coefficients="coefficients")
-    sets |= heads(fixed_point(1), weight="weight %") | heads(_score, score="held-out elpd", to_best="less the best")
+    sets |= heads(fixed_point(1), weight="weight %") | heads(
+        _score, score="held-out elpd", to_best="difference to best"
+    )
     sets |= {f"rms_{name}": (f"rms {name} {unit.display}", _three_digits) for name, unit in units.items()}
     sets |= heads(fixed_point(2), inflation="sd inflation")
     sets |= heads(fixed_point(0), design_effect="design effect", draws="draws")
-    sets |= heads(fixed_point(1), infeasible_fraction="diverged %") | heads(str, about="what it is")
-    held_out = heads(str, run="run", manoeuvre="manoeuvre", index="index", unit="")
+    sets |= heads(fixed_point(1), infeasible_fraction="diverged %") | heads(str, about="description")
+    held_out = heads(str, run="run", manoeuvre="manoeuvre", index="index", unit="unit")
     held_out |= {key: (key, fixed_point(2)) for key in ("measured", "forecast", "error", "sd", "z")}
     known = heads(fixed_point(1), known_value="known beforehand", known_sd="± sd", prior_sds_away="sd away")
     coefficients = heads(str, coefficient="coefficient") | heads(fixed_point(1), estimate="estimate", sd="sd") | known
