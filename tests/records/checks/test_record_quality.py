@@ -7,6 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.records.checks.record_quality import spikes
+from pymc_ship.records.checks.verdicts import balance
 from tests.records.checks.cases import (
     INTERVAL,
     alarms,
@@ -174,6 +175,19 @@ def test_a_velocity_without_its_sign_is_named(zigzag, container, name):
     check = checks_by_name(unsigned.drop_vars(["x", "y", "psi"]), container)["signs"]
     assert check.verdict == "bad"
     assert check.sentence.startswith(f"{name} stays on one side")
+
+
+def test_a_sway_velocity_that_drifts_to_one_side_keeps_its_sign(zigzag, container):
+    """As in wind from abeam: larger than that of the zigzag."""
+    drifting = changed(zigzag, v=zigzag["v"].values + 1.1 * np.abs(zigzag["v"].values).max())
+    assert checks_by_name(drifting.drop_vars(["x", "y", "psi"]), container)["signs"].verdict == "good"
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"), [([-1.0, 2.0], 0.5), ([1.0, 2.0], -0.5), ([-3.0, -1.5], -0.5), ([0.0, 0.0], 0.0)]
+)
+def test_the_balance_is_the_lesser_extreme_over_the_larger(values, expected):
+    assert balance(np.array(values), 0.0) == pytest.approx(expected)
 
 
 def test_a_stuck_rudder_indicator_is_found(zigzag, circle, container):

@@ -139,10 +139,11 @@ def test_an_order_between_two_multiples_of_five_degrees_is_no_error(container, m
     assert check.verdict == ("good" if manoeuvre.kind == "zigzag" else "not checked")
 
 
+@pytest.mark.parametrize("angles", [(20, 20), (10, 10), (20, 10)])
 @pytest.mark.parametrize("ship", ["container", "kvlcc2"])
-def test_a_rudder_without_its_sign_is_named(ship):
+def test_a_rudder_without_its_sign_is_named(ship, angles):
     vessel = ps.load_vessel(ship)
-    run = simulated(vessel, ps.zigzag(20, 20))
+    run = simulated(vessel, ps.zigzag(*angles))
     check = checks_by_name(changed(run, delta=np.abs(run["delta"].values)), vessel)["signs"]
     assert (check.verdict, "its sign is lost" in check.sentence) == ("bad", True)
     for manoeuvre in (ps.turning_circle(35), ps.pull_out(20)):

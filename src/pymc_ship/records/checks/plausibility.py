@@ -25,7 +25,7 @@ from pymc_ship.records.checks.verdicts import (
     pieces,
 )
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares, ship_blocks
-from pymc_ship.records.files.sides import MIRROR_IMAGE
+from pymc_ship.records.files.sides import MIRROR_IMAGE, with_yaw_rate
 from pymc_ship.records.steering.approach import TOO_EARLY, WHOLE_APPROACH, approach_fault
 from pymc_ship.trial.record import AXES, sampling_interval
 from pymc_ship.trial.units import KNOT
@@ -212,9 +212,7 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
     Without a vessel only drift, lateral acceleration and heel are checked.
     """
     name = "plausibility"
-    if "r" not in trial and "psi" in trial:
-        rate = np.gradient(np.unwrap(trial["psi"].values), sampling_interval(trial))
-        trial = trial.assign(r=("time", rate))
+    trial = with_yaw_rate(trial)
     if reason := missing_channels_text(trial, ("u", "v", "r")):
         return not_checked(name, reason)
     motion, _ = _motion(trial, scale, vessel)

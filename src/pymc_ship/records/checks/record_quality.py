@@ -7,7 +7,7 @@ import xarray as xr
 
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.records.checks.rudder import rudder_rate
-from pymc_ship.records.checks.verdicts import SLOW, Check, Numbers, not_checked
+from pymc_ship.records.checks.verdicts import SLOW, Check, Numbers, balance, not_checked, pieces
 from pymc_ship.records.files.columns import MISSING_CODES, standing_out
 from pymc_ship.records.files.ship_scale import ShipScale
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
@@ -31,8 +31,9 @@ _HALF_WINDOW, _LONGEST_SPIKE, _SURROUNDINGS = 4, 2, 51  # samples
 ABRUPT, NOISY = 5.0, 8.0  # change at a jump over those around it, and over the noise of a sample
 LEAST_JUMP, BAD_JUMP = 0.1, 0.25  # fraction of a channel's range
 LEAST_JUMPS = {"psi": 0.05, "x": 0.05, "y": 0.05}  # rad; ship lengths
-AT_ONCE = 3  # channels that jump together where two runs stand in one file
+TOGETHER = 3  # channels that jump at once where two runs stand in one file
 DEFLECTED, BEGUN, ENDED = 0.05, 0.5, 0.15  # rudder angle [rad]; r/U over its largest of a turn begun, and ended
+_FEWEST_READINGS, _ABRUPT_MOVE, _SHORTEST_HOLD = 20, 3, 10  # samples of a channel; of a rudder's move; of its rest
 _MOST_JUMPS = 0.02  # fraction of the samples; more are noise
 ONE_SIDED, BOTH_SIDES = 0.05, 0.3  # lesser over larger extreme of a channel without sign; of another, to both sides
 UNSIGNED = {"v": "r", "r": "v", "delta": "r"}  # channels that change sign with another one
@@ -129,19 +130,22 @@ def sign_check(trial: xr.Dataset) -> Check:
     pairs = [(name, other) for name, other in UNSIGNED.items() if {name, other} <= set(trial)]
     if not pairs:
         return not_checked("signs", "no two of v, r and delta in the record")
-    lost = [name for name, other in pairs if _has_lost_its_sign(trial[name].values, trial[other].values)]
+    channels = {name: trial[name].values for pair in pairs for name in pair}
+    lost = [
+        name for name, other in pairs if _has_lost_its_sign(channels[name], channels[other], drifts=name != "delta")
+    ]
     if lost:
         text = f"{lost[0]} stays on one side while the ship turns to both: its sign is lost; find the signed column."
         return Check("signs", "bad", text)
     return Check("signs", "good", f"{', '.join(name for name, _ in pairs)} change sign together, or not at all.")
 
 
-def _has_lost_its_sign(values: np.ndarray, other: np.ndarray) -> bool:
-    low, high = np.quantile(values, [0.0, 1.0])
-    right, left = np.quantile(other, [0.1, 0.9])
-    one_sided = min(abs(low), abs(high)) < ONE_SIDED * max(abs(low), abs(high)) or low * high > 0.0
-    if not one_sided or low == high or min(-right, left) <= BOTH_SIDES * max(-right, left):
+def _has_lost_its_sign(values: np.ndarray, other: np.ndarray, *, drifts: bool) -> bool:
+    """Whether values stay on one side while others change; those that drift in wind must go with their magnitude."""
+    if np.ptp(values) == 0.0 or balance(values, 0.0) >= ONE_SIDED or balance(other, 0.1) <= BOTH_SIDES:
         return False
+    if not drifts:
+        return True
     signed, unsigned = np.corrcoef(np.array([values, other, np.abs(other)]))[0, 1:]
     return bool(abs(unsigned) > abs(signed))
 
@@ -249,9 +253,9 @@ def jump_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         texts.append(f"{name} by {unit.display_factor * abs(found[name][k]):.3g} {unit.display} at {time[k]:.4g} s")
     together = max(sum(abs(k - other) < _LONGEST_SPIKE for other in worst.values()) for k in worst.values())
     text = f"Jumps of {', '.join(texts)}, more than a ship can change between two samples; "
-    text += "two runs in one file? Split it." if together >= AT_ONCE else "mend the sensor, or cut the record there."
+    text += "two runs in one file? Split it." if together >= TOGETHER else "mend the sensor, or cut the record there."
     large = (abs(found[k][m]) > BAD_JUMP * _range(trial, k) for k, m in worst.items() if k not in ("x", "y"))
-    return Check("jumps", "bad" if together >= AT_ONCE or any(large) else "doubtful", text, numbers)
+    return Check("jumps", "bad" if together >= TOGETHER or any(large) else "doubtful", text, numbers)
 
 
 def jumps(trial: xr.Dataset, name: str, scale: ShipScale) -> dict[int, float]:
@@ -259,14 +263,15 @@ def jumps(trial: xr.Dataset, name: str, scale: ShipScale) -> dict[int, float]:
     values = _continuous(trial, name)
     moved = np.append(0, np.flatnonzero(np.diff(values)) + 1)
     kept = moved if moved.size < 0.5 * values.size else np.arange(values.size)  # a held reading is one
-    if kept.size < 2 * _SURROUNDINGS // 5:
+    if kept.size < _FEWEST_READINGS:
         return {}
     steps = np.diff(values[kept])
     padded = np.pad(steps, 2, mode="reflect")
-    least = LEAST_JUMPS.get(name, LEAST_JUMP * _range(trial, name)) * (scale.L if name in ("x", "y") else 1.0)
+    least = LEAST_JUMPS[name] if name in LEAST_JUMPS else LEAST_JUMP * _range(trial, name)
+    least *= scale.L if name in ("x", "y") else 1.0
     if name == "delta":
         rate, samples = rudder_rate(trial)
-        least = max(least, ABRUPT * np.deg2rad(rate) * sampling_interval(trial)) if samples > AT_ONCE else np.inf
+        least = max(least, ABRUPT * np.deg2rad(rate) * sampling_interval(trial)) if samples > _ABRUPT_MOVE else np.inf
     least = max(least, NOISY * second_difference_sd(values[None])[0])
     least = max(least, ABRUPT * float(np.quantile(np.abs(np.diff(steps)), 1.0 - 2.0 * _MOST_JUMPS)))
     found = {}
@@ -366,9 +371,11 @@ def _rudder_at_rest(trial: xr.Dataset, ship_time: float) -> int:
     rate = uniform_filter1d(trial["r"].values.astype(float), max(round(FROZEN * ship_time), 1))
     turning = rate / np.maximum(u, max(SLOW * float(np.quantile(u, 0.95)), np.finfo(float).tiny))
     turning = turning / max(float(np.quantile(np.abs(turning), 0.99)), np.finfo(float).tiny)
-    edges, longest = np.flatnonzero(np.diff(delta, prepend=np.nan, append=np.nan) != 0.0), 0
-    for run in np.flatnonzero((np.diff(edges) >= _SURROUNDINGS // 5) & (np.abs(delta[edges[:-1]]) > DEFLECTED)):
-        fixed = turning[edges[run] : edges[run + 1]]
+    longest = 0
+    for hold in pieces(np.diff(delta) == 0.0):
+        fixed = turning[hold.start : hold.stop + 1]
+        if fixed.size < _SHORTEST_HOLD or abs(delta[hold.start]) <= DEFLECTED:
+            continue
         side = np.sign(fixed) * (np.abs(fixed) > BEGUN)
         begun = np.flatnonzero((side != 0.0) & (side != side[0]))
         if begun.size and (np.abs(fixed[begun[0] :]) < ENDED).any():

@@ -10,6 +10,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import (
     Check,
     Numbers,
+    balance,
     integral,
     missing_channels_text,
     not_checked,
@@ -239,8 +240,7 @@ def rudder_timing_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     name = "rudder timing"
     if reason := missing_channels_text(trial, ("u", "v", "r", "delta")):
         return not_checked(name, reason)
-    right, left = np.quantile(trial["delta"].values, [0.02, 0.98])
-    if not scale.known or min(-right, left) < _REVERSED * max(-right, left):
+    if not scale.known or balance(trial["delta"].values, 0.02) < _REVERSED:
         return not_checked(name, "a rudder that is reversed, and the L of a vessel file, are needed")
     shift, error = (scale.time * value for value in _yaw_shift(trial, scale))
     numbers = (("shift", shift, "s"), ("standard error", error, "s"))

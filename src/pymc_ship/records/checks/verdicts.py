@@ -59,6 +59,12 @@ def longest_piece(mask: np.ndarray) -> slice:
     return max(pieces(mask), key=lambda piece: piece.stop - piece.start, default=slice(0, 0))
 
 
+def balance(values: np.ndarray, tail: float) -> float:
+    """Lesser over larger extreme of a channel to both sides, without a ``tail`` of each; negative on one side only."""
+    low, high = np.quantile(values, [tail, 1.0 - tail])
+    return float(min(-low, high) / max(-low, high)) if low or high else 0.0
+
+
 def straight_approach(trial: xr.Dataset) -> int:
     """Samples before the rudder leaves its first angle by 0.3 deg and by more than its noise; 0 without a rudder."""
     if "delta" not in trial:

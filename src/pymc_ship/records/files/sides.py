@@ -98,10 +98,16 @@ def with_rudder_side(trial: xr.Dataset, stated: str, where: str) -> xr.Dataset:
     return trial.assign_attrs(reading="\n".join(notes))
 
 
+def with_yaw_rate(trial: xr.Dataset) -> xr.Dataset:
+    """Trial with the rate of the heading where no yaw rate is recorded."""
+    if "r" in trial or "psi" not in trial or trial.sizes["time"] < 3:
+        return trial
+    return trial.assign(r=("time", np.gradient(trial["psi"].values, trial["time"].values)))
+
+
 def shown_effect(trial: xr.Dataset) -> RudderEffect | None:
     """Effect of the rudder, with the rate of the heading where no yaw rate is recorded; None for a short record."""
-    if "r" not in trial and "psi" in trial and trial.sizes["time"] > 2:
-        trial = trial.assign(r=("time", np.gradient(trial["psi"].values, trial["time"].values)))
+    trial = with_yaw_rate(trial)
     if "r" not in trial or trial.sizes["time"] < _FEWEST_SAMPLES:
         return None
     return rudder_effect(trial, ship_scale(trial, None))
