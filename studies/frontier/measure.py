@@ -25,9 +25,10 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.replication.estimates import DIFFERENCES
+from pymc_ship.replication.measurements import AS_PUBLISHED
 from pymc_ship.replication.scores import forecast_row, relative_error
 from pymc_ship.ships.ensemble.ship import Ship
-from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED, forecast
+from pymc_ship.ships.forecasting.forecast import forecast
 from studies.frontier.data_sets import CELLS, Cell, DataSet, data_set
 
 FORECASTS = {

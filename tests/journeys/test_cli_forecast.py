@@ -144,21 +144,8 @@ def test_the_round_trip_forecasts_the_reference_ship(tmp_path, capsys, monkeypat
     words = ("--vessel", "container", "--family", "conjugate")
     run("regress", "smooth.csv", "--raw", *words, "--draws", 400, "--out", "identified")
     capsys.readouterr()
-    run(
-        "forecast",
-        "identified",
-        *words,
-        "--draws",
-        100,
-        "--zigzag",
-        "10/10",
-        "--turn",
-        35,
-        "--side",
-        "port",
-        "--out",
-        "forecast",
-    )
+    options = ["--draws", "100", "--zigzag", "10/10", "--turn", "35", "--side", "port", "--out", "forecast"]
+    run("forecast", "identified", *words, *options)
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     printed = {
         " ".join(line[:-5]): [float(word) for word in line[-5:-1]]

@@ -72,20 +72,8 @@ def test_an_interrupted_forecast_moves_no_file_before_all_are_there(made, tmp_pa
         return stop() if len(calls) > 1 else forecast(*args, **settings)
 
     monkeypatch.setattr(ps, "forecast", once)
-    words = (
-        "--vessel",
-        made / "small.toml",
-        "--draws",
-        4,
-        "--duration",
-        10,
-        "--zigzag",
-        "10/10",
-        "--turn",
-        35,
-        "--side",
-        "port",
-    )
+    options = ["--draws", "4", "--duration", "10", "--zigzag", "10/10", "--turn", "35", "--side", "port"]
+    words = ("--vessel", made / "small.toml", *options)
     assert main(["forecast", *map(str, (made / "identified", *words)), "--out", str(tmp_path)]) == 130
     assert calls == ["zigzag 10/10 port", "turning circle 35 port"]
     assert list(tmp_path.iterdir()) == []

@@ -46,6 +46,9 @@ PUBLISHED_PRIORS = {
 PAPER_FAMILIES = tuple(PUBLISHED_PRIORS)
 """Prior families that the paper compares, and the study with it."""
 
+AS_PUBLISHED: dict[str, Any] = {"ci_prob": 0.9, "step": 0.02, "record_interval": 0.5, "method": "euler"}
+"""Settings of a forecast in the steps of the paper."""
+
 BOUND = "Cramer-Rao bound"
 """Name of the bound among the methods."""
 

@@ -28,11 +28,11 @@ from pymc_ship.records.files.noise import LITERAL_LEVEL, noise_factors, noise_sd
 from pymc_ship.replication import denoisers
 from pymc_ship.replication import measurements as replication
 from pymc_ship.replication.estimates import trajectory_modes
-from pymc_ship.replication.measurements import PAPER_FAMILIES
+from pymc_ship.replication.measurements import AS_PUBLISHED, PAPER_FAMILIES
 from pymc_ship.replication.prior_ships import prior_ship_rows
 from pymc_ship.replication.scores import forecast_row, published_rows, summary_rows
 from pymc_ship.ships.ensemble.ship import Ship
-from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED, forecast
+from pymc_ship.ships.forecasting.forecast import forecast
 from pymc_ship.trial.channels import default_channels
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)

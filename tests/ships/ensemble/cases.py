@@ -16,8 +16,8 @@ from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.replication.measurements import AS_PUBLISHED
 from pymc_ship.ships.ensemble.ship import Member
-from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
 
 
 def ship_of(*models, names=(), **known) -> ps.Ship:

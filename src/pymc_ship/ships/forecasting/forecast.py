@@ -27,9 +27,6 @@ from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import UNKNOWN, extrapolation, percentage_outside, sentence
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 
-AS_PUBLISHED: dict[str, Any] = {"ci_prob": 0.9, "step": 0.02, "record_interval": 0.5, "method": "euler"}
-"""Settings of a forecast in the study of Xue et al. (2020)."""
-
 NO_ROLL = "There is no forecast of roll angles: none or too few of the simulated ships roll."
 
 
