@@ -15,8 +15,8 @@ from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.replication.measurements import AS_PUBLISHED
 from pymc_ship.ships.ensemble.draws import coefficient_draws
-from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
 
 
 def trajectory(vessel, noisy) -> Iterator[Row]:

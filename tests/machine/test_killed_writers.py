@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -223,3 +224,19 @@ def test_a_link_in_a_circle_is_refused(tmp_path):
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     with refused(OutputError, "loop"), staged_path(tmp_path / "loop"):
         pass
+
+
+def test_the_final_path_is_found_while_another_run_replaces_the_result(tmp_path):
+    result, before = tmp_path / "result", tmp_path / "before"
+    result.mkdir()
+
+    def replaced():
+        for _ in range(3000):
+            result.rename(before)
+            before.rename(result)
+
+    with ThreadPoolExecutor(1) as other:
+        run = other.submit(replaced)
+        while not run.done():
+            assert final_path(result) == result
+        run.result()

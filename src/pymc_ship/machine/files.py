@@ -85,15 +85,12 @@ def staged_files(folder: str | Path, *, last: str = "", own: Iterable[str] = ())
 
 def final_path(path: str | Path) -> Path:
     """Path of a result with symbolic links resolved; OutputError for a device, a pipe or a socket."""
-    path = Path(path)
-    with _output_errors(path):
-        if not path.is_symlink() and not path.exists():
-            return path
-        real = Path(os.path.realpath(path)) if path.is_symlink() else path
-        kind = SPECIAL_FILES.get(stat.S_IFMT(real.stat().st_mode)) if os.path.lexists(real) else None
+    path, kind = Path(path), None
+    with _output_errors(path), suppress(FileNotFoundError):  # nothing there, or another run is just replacing it
+        kind = SPECIAL_FILES.get(stat.S_IFMT(path.stat().st_mode))
     if kind:
         raise OutputError(f"A result is written to a file or a folder, found {kind} at {path}; choose another path.")
-    return real
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def writable_folder(path: str | Path) -> Path:
