@@ -3,6 +3,7 @@ from functools import cache
 from statistics import NormalDist
 
 import arviz as az
+import nutpie
 import numpy as np
 import pytest
 import xarray as xr
@@ -250,9 +251,11 @@ def test_ar1_is_calibrated_where_the_normal_fit_is_overconfident():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("errors", PARAMETER)
-def test_layout_draws_and_round_trip(errors, tmp_path):
+def test_layout_draws_and_round_trip(errors, tmp_path, monkeypatch):
     data, name = simulated_rows(errors, 5.0 if errors == "student_t" else 0.5, 5, n_rows=50), PARAMETER[errors]
     options = {"draws": 20, "tune": 100, "chains": 2}
+    compiled = nutpie.compile_pymc_model(pymc_model(data, ConjugatePrior(), errors))
+    monkeypatch.setattr(nutpie, "compile_pymc_model", lambda model: compiled)  # the same three times
     tree = fit(data, errors, **options)
     posterior, prior = tree["posterior"].dataset, tree["prior"].dataset
     assert set(posterior.data_vars) == set(prior.data_vars) == {"coefficients", "noise_variance", name}

@@ -247,11 +247,13 @@ def _search(
     from threadpoolctl import threadpool_limits
 
     seed, space = int(rng.integers(2**31)), [tuple(map(float, pair)) for pair in bounds]
-    surrogate = cook_estimator("GP", space=normalize_dimensions(space), random_state=seed, noise=1e-6)
+    dimensions = normalize_dimensions(space)
+    surrogate = cook_estimator("GP", space=dimensions, random_state=seed, noise=1e-6, n_restarts_optimizer=0)
     optimizer = Optimizer(
         space,
         base_estimator=surrogate,
         acq_func="EI",
+        acq_optimizer_kwargs={"n_points": 2000, "n_restarts_optimizer": 2},
         n_initial_points=min(_STARTS, evaluations // 3),
         initial_point_generator="lhs",
         random_state=seed,

