@@ -3,8 +3,8 @@ from functools import cache
 from statistics import NormalDist
 
 import arviz as az
-import nutpie
 import numpy as np
+import nutpie
 import pytest
 import xarray as xr
 from scipy import linalg, stats
