@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.events import Record
-from pymc_ship.physics.manoeuvre.kinds import SIDES, Index
+from pymc_ship.physics.manoeuvre.kinds import SIDES, Index, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, either
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import as_trial, check_trial
@@ -63,15 +66,21 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     records = zip(*(runs[name].transpose("draw", "time").values for name in channels), strict=True)
     time, delay = runs["time"].values, float(np.nan_to_num(trial.attrs.get("rudder_delay", 0.0)))
     ships = [Record(time, dict(zip(channels, record, strict=True)), delay) for record in records]
-    rolls = "roll" in trial.attrs.get("dofs", "roll").split()
-    modelled = {name: index for name, index in kind.indices.items() if rolls or not needs_roll(index)}
-    rows = [kind.measure(ship, trial.attrs) if ship.time.size > 1 else {} for ship in ships]
-    values = np.array([[row.get(name, np.nan) for name in modelled] for row in rows])
+    rows = [indices_of_run(ship, kind, trial.attrs) for ship in ships]
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
     table = xr.Dataset(
-        {name: ("draw", values[:, k], {"units": index.units}) for k, (name, index) in enumerate(modelled.items())},
+        {name: ("draw", values, {"units": kind.indices[name].units}) for name, values in columns.items()},
         attrs={**trial.attrs, "manoeuvre": kind.name},
     )
     return table.assign_coords(draw=runs["draw"]) if "draw" in trial.dims else table.isel(draw=0)
+
+
+def indices_of_run(ship: Record, kind: ManoeuvreKind, attrs: Mapping[str, Any]) -> dict[str, float]:
+    """Indices of one run by name, NaN where it does not reach the event; without roll in ``dofs`` not those of roll."""
+    rolls = "roll" in attrs.get("dofs", "roll").split()
+    reached = kind.measure(ship, attrs) if ship.time.size > 1 else {}
+    modelled = [name for name, index in kind.indices.items() if rolls or not needs_roll(index)]
+    return {name: float(reached.get(name, np.nan)) for name in modelled}
 
 
 def needs_roll(index: Index) -> bool:

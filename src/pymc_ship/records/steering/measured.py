@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.events import Record
+from pymc_ship.physics.manoeuvre.indices import indices_of_run
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.manoeuvre.steering_record import (
@@ -102,7 +103,9 @@ def measured_criteria(
 def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
     """Indices of a denoised trial, as :func:`measured_indices`."""
     kind = kind_named(attrs["manoeuvre"])
-    trial = align_to_first_execute(smooth).dropna("time")
+    trial = align_to_first_execute(smooth)
+    if not all(np.isfinite(channel.values).all() for channel in trial.values()):
+        trial = trial.dropna("time")
     if "psi" not in trial or trial.sizes["time"] < 3:
         return {}
     has = set(trial.data_vars)
@@ -112,7 +115,7 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
     elif "delta" in has and kind.circles:
         trial = trial.isel(time=slice(0, int(np.flatnonzero(is_manoeuvre(trial))[-1]) + 1))
     time, psi = trial["time"].values, trial["psi"].values
-    channels = {name: trial[name].values for name in trial.data_vars}
+    channels = {str(name): channel.values for name, channel in trial.items()}
     x, y = (channels.setdefault(name, np.zeros(time.size)) for name in ("x", "y"))
     if "r" not in has:
         channels["r"] = np.gradient(psi, time)
@@ -122,9 +125,8 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
         channels["v"] = east * np.cos(psi) - north * np.sin(psi)
         has |= {"u", "v"} if {"x", "y"} <= has else set()
     channels.setdefault("phi", np.zeros(time.size))
-    table = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, settings))
-    measurable = {str(name): has.issuperset(kind.indices[str(name)].needs) for name in table}
-    return {name: float(table[name]) if ok else np.nan for name, ok in measurable.items()}
+    reached = indices_of_run(Record(time, channels, settings["rudder_delay"]), kind, settings)
+    return {name: value if has.issuperset(kind.indices[name].needs) else np.nan for name, value in reached.items()}
 
 
 def order_delay(trial: xr.Dataset, stated: float) -> float:
