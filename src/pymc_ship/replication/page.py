@@ -29,6 +29,7 @@ PAGE = Page(
     Path(__file__).with_name("page.html.j2"),
     own=("figures/*.png", "tables/*.csv", "posteriors/*.nc"),
     packages=("pymc-ship", "pymc", "arviz", "numpy", "scipy", "xarray", "numba"),
+    digits=6,
 )
 """The page of the study, with its posteriors and their diagnostic page in the folder."""
 

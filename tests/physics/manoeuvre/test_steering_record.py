@@ -50,6 +50,11 @@ class TestExecution:
         assert np.rad2deg(manoeuvre_rudder_angle(record["delta"].values)) == pytest.approx(20.0)
         assert first_execute(record) == pytest.approx(140.0, abs=0.6)
 
+    def test_the_same_rudder_over_another_time_has_another_execution(self):
+        record = rudder([0, 140, 149], [0, 0, 20])
+        late = record.assign_coords(time=2.0 * record["time"] + 7.0)
+        assert first_execute(late) == pytest.approx(2.0 * first_execute(record) + 7.0)
+
     def test_a_speed_that_still_rises_is_that_at_the_execution(self):
         record = measured(simulated(SHIP, ps.turning_circle(35)), 200.0)
         rising = record.assign(u=record["u"] * np.minimum(1.0, 0.5 + record["time"] / 400.0))
