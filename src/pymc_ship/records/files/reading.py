@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -103,40 +103,12 @@ class FileReading:
 
 def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = None) -> FileReading:
     """Trial of a file as by :func:`read_trial`, with what each column was taken for."""
-    path, layout = bag_of(Path(path)), load_format(format)
-    table = _with_nanoseconds(text_table(path, layout))
-    usual = TrialFormat()
-    settings: dict[str, Any] = {k: v for k, v in table.settings.items() if getattr(layout, k) == getattr(usual, k)}
-    layout = stated = replace(layout, **settings)
-    columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)
-    if not layout.convention and any(column.named_by == ROS for column in columns.values()):
-        layout = stated = replace(layout, convention="enu-flu")
-        notes.append('Axes of ROS: x east, y north, v to port; for others, state the convention, such as "ned".')
-    clock, stamps = columns["time"], _stamps(table, columns["time"])
-    numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
-    cells, cell_notes = table_cells(table, numeric, path)
-    raw = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
-    before = layout
-    channels, layout, sign_notes = _in_ship_axes(raw, before, str(path))
-    if stamps:
-        time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, channels, str(path))
-    else:
-        time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels)
-    if delays := {name: column.delay for name, column in columns.items() if column.delay}:
-        channels, layout, sign_notes = _in_ship_axes(_undelayed(raw, time, delays), before, str(path))
-        sign_notes += [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
-    if table.begins:
-        time, quantum, channels = _in_order(time, quantum, channels, table.begins)
-    time, channels, time_notes, lost = regular(time, quantum, channels, str(path))
-    notes = [
-        *table.notes,
-        *notes,
-        *clock_notes,
-        *cell_notes,
-        *_implausible(columns, cells),
-        *sign_notes,
-        *time_notes,
-    ]
+    path, given = bag_of(Path(path)), load_format(format)
+    table = _with_nanoseconds(text_table(path, given))
+    columns, stated, notes = _chosen_columns(table, given, str(path))
+    series = _time_series(table, columns, stated, path)
+    time, channels, layout = series.time, series.channels, series.layout
+    notes += series.notes
     for to_ship in (at_origin, with_true_wind):
         channels, changes = to_ship(channels, layout, str(path))
         notes += changes
@@ -145,8 +117,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     attrs: dict[str, Any] = {"reading": "\n".join([*notes, *scale_notes])}
     if not (table.shows_axes or shows_axes(columns, layout)):
         attrs[AXES] = ASSUMED
-    if lost:
-        attrs["rows_lost"] = lost
+    if series.rows_lost:
+        attrs["rows_lost"] = series.rows_lost
     if layout.speeds == OVER_GROUND:
         attrs["speeds"] = OVER_GROUND
     if layout.facility:
@@ -159,6 +131,51 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     settings = {"rudder_positive": trial.attrs.get(FOUND, side or "auto")}
     settings |= {"columns": {name: column.choice() for name, column in columns.items()}}
     return FileReading(trial, replace(stated, **settings), columns, left_out)
+
+
+def _chosen_columns(
+    table: TextTable, layout: TrialFormat, where: str
+) -> tuple[dict[str, Column], TrialFormat, list[str]]:
+    """Columns by channel, the format with what the file itself states, and notes."""
+    usual = TrialFormat()
+    settings: dict[str, Any] = {k: v for k, v in table.settings.items() if getattr(layout, k) == getattr(usual, k)}
+    layout = replace(layout, **settings)
+    columns, notes = matched_columns(table.headings, table.units, layout.columns, where, layout.unstated_units)
+    if not layout.convention and any(column.named_by == ROS for column in columns.values()):
+        layout = replace(layout, convention="enu-flu")
+        notes.append('Axes of ROS: x east, y north, v to port; for others, state the convention, such as "ned".')
+    return columns, layout, [*table.notes, *notes]
+
+
+class _TimeSeries(NamedTuple):
+    """Channels over uniform time, the format with what they showed, rows lost over all rows, and notes."""
+
+    time: np.ndarray
+    channels: dict[str, np.ndarray]
+    layout: TrialFormat
+    rows_lost: float
+    notes: list[str]
+
+
+def _time_series(table: TextTable, columns: dict[str, Column], stated: TrialFormat, path: Path) -> _TimeSeries:
+    """Channels of a table in the units and axes of the package, over uniform time."""
+    where, clock, stamps = str(path), columns["time"], _stamps(table, columns["time"])
+    numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
+    cells, cell_notes = table_cells(table, numeric, path)
+    raw = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
+    channels, layout, sign_notes = _in_ship_axes(raw, stated, where)
+    if stamps:
+        time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, channels, where)
+    else:
+        time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels)
+    if delays := {name: column.delay for name, column in columns.items() if column.delay}:
+        channels, layout, sign_notes = _in_ship_axes(_undelayed(raw, time, delays), stated, where)
+        sign_notes += [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
+    if table.begins:
+        time, quantum, channels = _in_order(time, quantum, channels, table.begins)
+    time, channels, time_notes, lost = regular(time, quantum, channels, where)
+    notes = [*clock_notes, *cell_notes, *_implausible(columns, cells), *sign_notes, *time_notes]
+    return _TimeSeries(time, channels, layout, lost, notes)
 
 
 def _in_ship_axes(

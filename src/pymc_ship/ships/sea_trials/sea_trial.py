@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -126,63 +126,86 @@ def sea_trial(
     else:
         records = {str(k): trial for k, trial in enumerate(trial_list(trials), start=1)}
     loaded = None if full_load is None else as_vessel(full_load)
-    recognised, facilities = recognise_by_facility(list(records.values()), vessel)
-    manoeuvres = {name: kind for name, kind in zip(records, recognised, strict=True) if kind is not None}
-    others = [name for name in records if name not in manoeuvres]
-    stops = {name: stop for name in others if (stop := measured_stopping(records[name]))}
-    ship_time = vessel.particulars.ship_time
-    others = [name for name in others if name not in stops]
-    spirals = {name: turns for name in others if (turns := measured_spiral(records[name], ship_time)) is not None}
-    if not manoeuvres and not stops and not spirals:
-        raise TrialError(
-            f"No run is of a standard manoeuvre. {unrecognised_text(next(iter(records.values())), ship_time)}"
-        )
-    unrecognised = [name for name in others if name not in spirals]
-    remarks = [f"{name} is left out. {unrecognised_text(records[name], ship_time)}" for name in unrecognised]
+    runs = _runs_by_kind(records, vessel)
     winds = {name: wind for name in records if (wind := mean_wind(records[name], trial_conditions)) is not None}
     model, model_remarks = _model(ship, vessel, loaded, blowing=bool(winds))
-    corrected_winds = winds if model.models and model.wind else {}
     progress("current")
     one_day = "date" in trial_conditions.form
-    currents, current_remarks = _currents(records, manoeuvres, winds, model, one_day=one_day)
+    currents, current_remarks = _currents(records, runs.manoeuvres, winds, model, one_day=one_day)
     rows: list[dict] = []
-    begins: dict[str, list[str]] = {}
-    for name, manoeuvre in manoeuvres.items():
+    for name, manoeuvre in runs.manoeuvres.items():
         progress(f"indices of {name}")
-        delay = facilities[facility_of(records[name])].rudder_delay
-        delay = order_delay(records[name], delay)
-        begins.setdefault(order_sentence(delay, manoeuvre.approach_speed or np.nan), []).append(name)
-        settings: dict[str, Any] = {"rudder_delay": delay, "current": currents.get(name)}
-        settings |= {"wind": corrected_winds.get(name), "model": model, "rng": rng}
+        settings: dict[str, Any] = {"rudder_delay": runs.delays[name], "current": currents.get(name)}
+        settings |= {"wind": winds.get(name) if model.models and model.wind else None, "model": model, "rng": rng}
         run_indices = corrected_indices(records[name], manoeuvre, vessel, **settings)
         rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in run_indices]
-    for name, stop in stops.items():
+    for name, stop in runs.stops.items():
         rows += [{"run": name} | row for row in _stopping_rows(stop, vessel.particulars.L)]
-    for name, turns in spirals.items():
-        rows += [{"run": name} | row for row in spiral_rows(turns, largest_loop(ship_time))]
+    for name, turns in runs.spirals.items():
+        rows += [{"run": name} | row for row in spiral_rows(turns, largest_loop(vessel.particulars.ship_time))]
     rows = uncertainty_budget(rows, rng)
-    speeds = {name: manoeuvre.approach_speed or np.nan for name, manoeuvre in manoeuvres.items()}
+    speeds = {name: manoeuvre.approach_speed or np.nan for name, manoeuvre in runs.manoeuvres.items()}
     windiest = max((speed for speed, _ in winds.values()), default=np.nan)
     return SeaTrial(
         trials=records,
         vessel=vessel,
-        manoeuvres=manoeuvres,
+        manoeuvres=runs.manoeuvres,
         indices=rows,
         currents=currents,
         winds=winds,
         conditions=condition_rows(trial_conditions, vessel, wind=windiest, speeds=speeds),
         ship_data=ship_rows(vessel, loaded, trial_conditions, windiest),
         form=form_rows(rows),
-        spirals=spirals,
-        turns=steady_turns(ship) if spirals and ship is not None else None,
+        spirals=runs.spirals,
+        turns=steady_turns(ship) if runs.spirals and ship is not None else None,
         remarks=(
             *mirror_remarks(records),
-            *remarks,
+            *runs.left_out,
             *model_remarks,
             *current_remarks,
-            *(f"{', '.join(names)}: {sentence}" for sentence, names in begins.items()),
+            *_order_remarks(runs),
         ),
     )
+
+
+class _Runs(NamedTuple):
+    """Runs by kind of test, delay [s] from order to movement of the rudder by run, and remarks on runs left out."""
+
+    manoeuvres: dict[str, Manoeuvre]
+    delays: dict[str, float]
+    stops: dict[str, dict[str, float]]
+    spirals: dict[str, xr.Dataset]
+    left_out: list[str]
+
+
+def _runs_by_kind(records: Mapping[str, xr.Dataset], vessel: Vessel) -> _Runs:
+    """Standard manoeuvres, stopping tests and spirals; TrialError if there is none."""
+    ship_time = vessel.particulars.ship_time
+    recognised, facilities = recognise_by_facility(list(records.values()), vessel)
+    manoeuvres = {name: kind for name, kind in zip(records, recognised, strict=True) if kind is not None}
+    delays = {
+        name: order_delay(records[name], facilities[facility_of(records[name])].rudder_delay) for name in manoeuvres
+    }
+    others = [name for name in records if name not in manoeuvres]
+    stops = {name: stop for name in others if (stop := measured_stopping(records[name]))}
+    others = [name for name in others if name not in stops]
+    spirals = {name: turns for name in others if (turns := measured_spiral(records[name], ship_time)) is not None}
+    if not manoeuvres and not stops and not spirals:
+        raise TrialError(
+            f"No run is of a standard manoeuvre. {unrecognised_text(next(iter(records.values())), ship_time)}"
+        )
+    unknown = [name for name in others if name not in spirals]
+    left_out = [f"{name} is left out. {unrecognised_text(records[name], ship_time)}" for name in unknown]
+    return _Runs(manoeuvres, delays, stops, spirals, left_out)
+
+
+def _order_remarks(runs: _Runs) -> list[str]:
+    """Remarks on the begin of times and distances, each with its runs."""
+    begins: dict[str, list[str]] = {}
+    for name, manoeuvre in runs.manoeuvres.items():
+        sentence = order_sentence(runs.delays[name], manoeuvre.approach_speed or np.nan)
+        begins.setdefault(sentence, []).append(name)
+    return [f"{', '.join(names)}: {sentence}" for sentence, names in begins.items()]
 
 
 def _currents(
