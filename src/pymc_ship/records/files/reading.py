@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -38,7 +38,7 @@ from pymc_ship.records.files.format import (
 from pymc_ship.records.files.interpolation import interpolated
 from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
 from pymc_ship.records.files.tables import Columns, bag_of, binary_columns, cell_texts, check_size, nmea_columns
-from pymc_ship.records.files.time_base import regular, rounding
+from pymc_ship.records.files.time_base import Regular, regular, rounding
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
 
@@ -106,8 +106,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     path, given = bag_of(Path(path)), load_format(format)
     table = _with_nanoseconds(text_table(path, given))
     columns, stated, notes = _chosen_columns(table, given, str(path))
-    series = _time_series(table, columns, stated, path)
-    time, channels, layout = series.time, series.channels, series.layout
+    series, layout = _time_series(table, columns, stated, path)
+    time, channels = series.time, series.channels
     notes += series.notes
     for to_ship in (at_origin, with_true_wind):
         channels, changes = to_ship(channels, layout, str(path))
@@ -117,8 +117,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     attrs: dict[str, Any] = {"reading": "\n".join([*notes, *scale_notes])}
     if not (table.shows_axes or shows_axes(columns, layout)):
         attrs[AXES] = ASSUMED
-    if series.rows_lost:
-        attrs["rows_lost"] = series.rows_lost
+    if series.lost:
+        attrs["rows_lost"] = series.lost
     if layout.speeds == OVER_GROUND:
         attrs["speeds"] = OVER_GROUND
     if layout.facility:
@@ -147,18 +147,10 @@ def _chosen_columns(
     return columns, layout, [*table.notes, *notes]
 
 
-class _TimeSeries(NamedTuple):
-    """Channels over uniform time, the format with what they showed, rows lost over all rows, and notes."""
-
-    time: np.ndarray
-    channels: dict[str, np.ndarray]
-    layout: TrialFormat
-    rows_lost: float
-    notes: list[str]
-
-
-def _time_series(table: TextTable, columns: dict[str, Column], stated: TrialFormat, path: Path) -> _TimeSeries:
-    """Channels of a table in the units and axes of the package, over uniform time."""
+def _time_series(
+    table: TextTable, columns: dict[str, Column], stated: TrialFormat, path: Path
+) -> tuple[Regular, TrialFormat]:
+    """Channels of a table in the units and axes of the package, over uniform time; the format with what they showed."""
     where, clock, stamps = str(path), columns["time"], _stamps(table, columns["time"])
     numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
     cells, cell_notes = table_cells(table, numeric, path)
@@ -173,9 +165,9 @@ def _time_series(table: TextTable, columns: dict[str, Column], stated: TrialForm
         sign_notes += [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
     if table.begins:
         time, quantum, channels = _in_order(time, quantum, channels, table.begins)
-    time, channels, time_notes, lost = regular(time, quantum, channels, where)
-    notes = [*clock_notes, *cell_notes, *_implausible(columns, cells), *sign_notes, *time_notes]
-    return _TimeSeries(time, channels, layout, lost, notes)
+    series = regular(time, quantum, channels, where)
+    notes = [*clock_notes, *cell_notes, *_implausible(columns, cells), *sign_notes, *series.notes]
+    return series._replace(notes=notes), layout
 
 
 def _in_ship_axes(
