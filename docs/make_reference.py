@@ -24,7 +24,7 @@ Public names after `import pymc_ship as ps`, by [district](../explanation/archit
 COMMANDS = """# Commands
 
 `pymc-ship COMMAND --help` prints the same. Wrong input ends with one sentence and exit status 2. Defaults are in
-parentheses. Every command has `--quiet`. [Durations](durations.md) of every command.
+parentheses. [Durations](durations.md) of every command.
 
 ## Common words
 
@@ -82,7 +82,10 @@ def _command(name: str, command: argparse.ArgumentParser, rows: list, common: li
 
 
 def _list(rows: list) -> str:
-    return "".join(f"- {word}: {text}\n" for word, text in rows)
+    words: dict[str, list[str]] = {}
+    for word, text in rows:
+        words.setdefault(text, []).append(word)
+    return "".join(f"- {', '.join(alike)}: {text}\n" for text, alike in words.items())
 
 
 def _word(action: argparse.Action) -> str:

@@ -1,5 +1,6 @@
 import argparse
 import inspect
+import re
 import shlex
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli import argument_types, check, commands, ship_commands
 from pymc_ship.cli import parser as command_parser
+from pymc_ship.cli.examples import EXAMPLES
 from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import LONGEST, error_line, parser
 from pymc_ship.inference.regression import cross_validation
@@ -54,6 +56,11 @@ def test_help_is_quick_and_imports_nothing_heavy():
     imported = {name.split(".")[0] for name in done.stderr.split()}
     assert imported.isdisjoint(HEAVY)
     assert "argparse" in imported
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_help_names_the_public_function(name):
+    assert re.search(r"^Python: `ps\.(\w+)", EXAMPLES[name], re.MULTILINE)[1] in ps.__all__
 
 
 def test_commands_have_quiet_out_and_examples_that_parse(capsys):

@@ -73,7 +73,7 @@ def test_the_page_of_the_commands_has_every_option(script):
     text = script.commands()
     assert "- `--out OUT` (needed): " in text
     assert "- `--side {port,starboard}`: " in text
-    assert "- `TRIAL ...`: " in text
+    assert "- `TRIAL`, `TRIAL ...`: " in text
 
 
 # keys of files --------------------------------------------------------------------------------------------------------
