@@ -91,6 +91,20 @@ def test_simulate_runs_a_programme_in_degrees(container, tmp_path, capsys):
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.parametrize(
+    ("words", "is_too_long"),
+    [
+        (["--step", 2, "--method", "rk4"], False),
+        (["--step", 20, "--method", "rk4"], True),
+        (["--step", 20, "--method", "dop853"], False),
+        (["--duration", 0.1], False),
+    ],
+)
+def test_simulate_says_that_a_step_is_too_long(tmp_path, capsys, words, is_too_long):
+    run("simulate", "kvlcc2", "--zigzag", "20/20", *words, "--out", tmp_path / "trial.csv")
+    assert ("the heading differs by more than 2% of its range" in capsys.readouterr().out) == is_too_long
+
+
 def test_simulate_says_that_a_run_diverged_and_keeps_what_was_before(small, tmp_path, capsys):
     surge = np.array([5.0, *small.coefficients("surge").values[1:]])
     vessel = small.with_coefficients({"surge": surge})

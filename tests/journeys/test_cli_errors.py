@@ -123,6 +123,10 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
             "The memory is too small for this run: .*; make the run shorter",
         ),
         ("simulate container --turn 35 --speed -1 --out {out}", "The approach speed must be positive"),
+        (
+            "simulate container --turn 35 --speed 100 --out {out}",
+            "a divergence at once, at 100 m/s with a step of 0.02 s; give a --speed nearer to the nominal 12.7 m/s",
+        ),
         ("simulate container --turn 35 --noise -1 --duration 9 --out {out}", "The noise level is a number from 0 up"),
         (
             "simulate container --turn 35 --noise loud --out {out}",

@@ -55,6 +55,7 @@ from pymc_ship.trial.record import nonzero_channels, sampling_interval
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 _ROW_INTERVAL = 1.0  # s, of Xue et al. (2020)
+_STEP_ERROR = 0.02  # of the range of heading, that half the step of a simulation may change
 OFFSETS = {"auto": None, "yes": True, "no": False}
 """Argument ``offsets`` by the choices of ``--offsets``."""
 
@@ -76,21 +77,42 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     out = output_file(args.out)
     progress(f"simulating the {manoeuvre.label}")
     run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
+    trial = run.isel(time=np.isfinite(run["psi"].values))
+    if run["diverged"] and trial.sizes["time"] < 2:
+        speed, nominal = run.attrs["approach_speed"], vessel.particulars.nominal_speed
+        raise SimulationError(
+            f"A ship must sail for two steps, found a divergence at once, at {speed:g} m/s with a step of "
+            f"{args.step:g} s; give a --speed nearer to the nominal {nominal:g} m/s, or a smaller --step."
+        )
+    if trial.sizes["time"] < 2:
+        raise TrialError("A trial must have two samples or more, found 1; give a longer --duration or smaller --step.")
     diverged = f"The run diverged at t = {float(run['diverged_at']):g} s; the trial ends there."
     text = [diverged] if run["diverged"] else []
+    text += _step_remark(run, vessel, manoeuvre, args)
     if manoeuvre.traits.indices:
         indices = ps.indices(run)
         text += [index_text(indices, {"value": indices}), criteria_text(imo_criteria(indices, vessel))]
-    trial = run.isel(time=np.isfinite(run["psi"].values))
-    if trial.sizes["time"] < 2:
-        raise TrialError(
-            f"A trial must have two samples or more, found {trial.sizes['time']}; change --duration or --step."
-        )
     if args.noise is not None:
         kind = {"noise" if isinstance(args.noise, tuple) else "level": args.noise}
         trial = ps.pollute(trial, **kind, rng=np.random.default_rng(args.seed))
     write_trial_file(trial, out, args)
     return "\n\n".join(filter(None, text)), out
+
+
+def _step_remark(run: xr.Dataset, vessel: Vessel, manoeuvre: Manoeuvre, args: argparse.Namespace) -> list[str]:
+    """Remark on a run whose heading half the step changes by more than 2 % of its range."""
+    if args.method == "dop853":
+        return []
+    half = {"step": 0.5 * args.step, "record_interval": args.step}
+    finer = ps.simulate(vessel, manoeuvre, duration=args.duration, method=args.method, **half)["psi"].values
+    psi, finer = run["psi"].values, finer[: run.sizes["time"]]
+    both = np.isfinite(psi) & np.isfinite(finer)
+    if np.abs(psi - finer)[both].max() <= _STEP_ERROR * max(np.ptp(finer[both]), np.deg2rad(1.0)):
+        return []
+    return [
+        f"The step of {args.step:g} s is too long: with half of it the heading differs by more than {_STEP_ERROR:.0%} "
+        "of its range; give a smaller --step or --method dop853."
+    ]
 
 
 def _fit_arguments(
