@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.physics.manoeuvre.events import Record
+from pymc_ship.physics.manoeuvre.events import Record, first_root
 from tests.physics.manoeuvre.test_indices import SPEED, SWITCH, sine
 
 SEEDS = 40
@@ -78,3 +78,24 @@ class TestPeak:
         clean = sine(0.2, duration=45.0)
         record = Record(clean["time"].values, {name: values.values for name, values in clean.data_vars.items()})
         assert np.isnan(record.peak(SWITCH))
+
+
+class TestRoot:
+    def test_it_is_the_first_of_the_roots_within_the_bounds(self):
+        rng, missed = np.random.default_rng(3), 0
+        for degree in np.tile([1, 2, 3], 200):
+            roots, end = np.sort(rng.uniform(-1.0, 3.0, degree)), rng.uniform(0.5, 2.5)
+            start = rng.uniform(0.0, end)
+            inside = roots[(roots >= start) & (roots <= end)]
+            root = first_root((10.0 ** rng.uniform(-6, 6) * np.poly(roots)[::-1]).tolist(), start, end)
+            missed += inside.size == 0
+            assert np.isnan(root) if inside.size == 0 else root == pytest.approx(inside[0], abs=1e-7)
+        assert 100 < missed < 500
+
+    @pytest.mark.parametrize("coefficients", [(1.0, 0.0, 1.0), (0.5, 0.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 1e-3)])
+    def test_there_is_none(self, coefficients):
+        assert np.isnan(first_root(coefficients, 0.0, 2.0))
+
+    def test_one_at_a_bound_counts(self):
+        assert first_root((0.0, 1.0), 0.0, 1.0) == 0.0
+        assert first_root((-1.0, 1.0), 0.0, 1.0) == 1.0

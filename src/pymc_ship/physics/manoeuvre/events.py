@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+_MOST_STEPS = 100  # halves of an interval until it is of one number
 
 
 class SteadyTurn(NamedTuple):
@@ -112,13 +116,50 @@ class Record:
         return begin + top - int(0 < top < rate.size - 1 and rate[top] <= 0.0)
 
     def _root(self, k: int, polynomial: Callable[[Sequence[float]], Sequence[float]], after: float) -> float:
-        """First root of a polynomial made of the cubic of psi on interval k that lies in the interval."""
+        """First root, from ``after`` on, of a polynomial made of the cubic of psi on interval k; else its end."""
         coefficients = polynomial(_cubic(self.time, self.motion["psi"], self.psi_dot, k))
-        roots = np.roots(coefficients[::-1])
-        width = self.time[k + 1] - self.time[k]
-        real = np.sort(roots[np.abs(roots.imag) < 1e-6 * width].real)
-        inside = real[(real > -1e-6 * width) & (real < (1.0 + 1e-6) * width) & (self.time[k] + real >= after)]
-        return float(self.time[k] + inside[0]) if inside.size else float(self.time[k + 1])
+        begin, end = float(self.time[k]), float(self.time[k + 1])
+        start = min(max(after - begin, 0.0), end - begin)
+        root = first_root(list(map(float, coefficients)), start, end - begin)
+        return end if math.isnan(root) else begin + root
+
+
+def first_root(coefficients: Sequence[float], start: float, end: float) -> float:
+    """First root of a polynomial of degree 3 or less, in rising powers, from start to end; NaN without one."""
+    a, b, c, d = [*coefficients, 0.0, 0.0][:4]
+    ends = [start, *(x for x in _quadratic_roots(b, 2.0 * c, 3.0 * d) if start < x < end), end]
+    for low, high in pairwise(ends):  # monotonic from one turning point to the next
+        values = [a + x * (b + x * (c + x * d)) for x in (low, high)]
+        if values[0] * values[1] <= 0.0:
+            return _monotonic_root((a, b, c, d), low, high, rising=values[1] > values[0])
+    return math.nan
+
+
+def _quadratic_roots(a: float, b: float, c: float) -> list[float]:
+    """Real roots of a + b x + c x^2, in order; without cancellation (Numerical Recipes, Eq. 5.6.4)."""
+    discriminant = b * b - 4.0 * a * c
+    if discriminant < 0.0:
+        return []
+    q = -0.5 * (b + math.copysign(math.sqrt(discriminant), b))
+    return sorted(top / bottom for top, bottom in ((q, c), (a, q)) if bottom)
+
+
+def _monotonic_root(cubic: tuple[float, float, float, float], low: float, high: float, *, rising: bool) -> float:
+    """Root of a cubic that is monotonic from low to high: Newton's steps, or halves where these leave the bracket."""
+    a, b, c, d = cubic
+    x = 0.5 * (low + high)
+    for _ in range(_MOST_STEPS):
+        value, slope = a + x * (b + x * (c + x * d)), b + x * (2.0 * c + x * 3.0 * d)
+        if (value > 0.0) == rising:
+            high = x
+        else:
+            low = x
+        step = x - value / slope if slope else math.inf
+        following = step if low <= step <= high else 0.5 * (low + high)
+        if abs(following - x) <= 4.0 * math.ulp(x):
+            return following
+        x = following
+    return x
 
 
 def _cubic(time: np.ndarray, value: np.ndarray, slope: np.ndarray, k: Any) -> tuple[Any, Any, Any, Any]:
