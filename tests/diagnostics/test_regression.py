@@ -123,6 +123,21 @@ def test_the_summary_agrees_with_the_exact_posterior(good):
     assert found.attrs == {"ci_prob": 0.95, "ci_kind": "eti"}
 
 
+def test_standard_errors_are_those_of_any_unit():
+    """Draws of slowly varying size; the noise variance of a ship in prime units is of the order 1e-9."""
+    chains = np.stack([wave(500, seed=seed) for seed in range(4)])
+    draws = np.sign(chains) * chains**2
+    found = {}
+    for unit in (1.0, 1e-9):
+        group = {"coefficients": (("chain", "draw", "coefficient"), unit * draws[..., None])}
+        tree = xr.DataTree.from_dict({"posterior": xr.Dataset(group, {"coefficient": ["Ya"]})})
+        table = statistics.summary(tree).isel(quantity=0)
+        found[unit] = [float(table[name]) / unit for name in ("mean", "sd", "mcse_mean", "mcse_sd")]
+        found[unit] += [float(table[name]) for name in ("ess_bulk", "ess_tail", "r_hat")]
+    assert found[1.0] == pytest.approx(found[1e-9], rel=1e-6)
+    assert found[1.0][3] > 2.0 * found[1.0][1] / np.sqrt(2.0 * draws.size)
+
+
 # what the data determine
 
 

@@ -87,17 +87,19 @@ def summary(tree: xr.DataTree) -> xr.Dataset:
 
     draws = quantities(tree)
     tails = draws.quantile(TAILS, _SAMPLE).values
+    mean, sd = draws.mean(_SAMPLE), draws.std(_SAMPLE, ddof=1)
+    unit = (draws - mean) / sd.where(sd > 0.0, 1.0)  # ArviZ takes what varies by less than 1e-15 for constant
     values = {
-        "mean": draws.mean(("chain", "draw")),
-        "sd": draws.std(("chain", "draw"), ddof=1),
+        "mean": mean,
+        "sd": sd,
         "lower": ("quantity", tails[0]),
         "upper": ("quantity", tails[1]),
-        "mcse_mean": az.mcse(draws, method="mean"),
-        "mcse_sd": az.mcse(draws, method="sd"),
-        "ess_bulk": az.ess(draws, method="bulk"),
-        "ess_tail": az.ess(draws, method="tail"),
+        "mcse_mean": sd * az.mcse(unit, method="mean"),
+        "mcse_sd": sd * az.mcse(unit, method="sd"),
+        "ess_bulk": az.ess(unit, method="bulk"),
+        "ess_tail": az.ess(unit, method="tail"),
     }
-    values["r_hat"] = az.rhat(draws) if draws.sizes["chain"] > 1 else xr.full_like(values["ess_bulk"], np.nan)
+    values["r_hat"] = az.rhat(unit) if draws.sizes["chain"] > 1 else xr.full_like(values["ess_bulk"], np.nan)
     return xr.Dataset(values, attrs={"ci_prob": CI_PROB, "ci_kind": "eti"})
 
 
