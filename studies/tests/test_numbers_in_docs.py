@@ -59,7 +59,7 @@ def of_paper():
     """Sentences of the page on the paper."""
     bound, prior = table("container/tables/published_bound"), table("container/tables/prior_ships")
     conjugate, semi = (
-        f"{float(line['median']):.1f}" for line in table("container/tables/published") if line["dof"] == "all"
+        f"{float(line['median']):.2f}" for line in table("container/tables/published") if line["dof"] == "all"
     )
     at_level = [line for line in table("container/tables/errors") if (line["level"], line["dof"]) == ("0.01", "all")]
     ours = " | ".join(number(line, "median") for line in at_level)
