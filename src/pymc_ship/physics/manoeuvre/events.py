@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-
-_MOST_STEPS = 100  # halves of an interval until it is of one number
+from scipy.optimize import brentq
 
 
 class SteadyTurn(NamedTuple):
@@ -127,11 +126,14 @@ class Record:
 def first_root(coefficients: Sequence[float], start: float, end: float) -> float:
     """First root of a polynomial of degree 3 or less, in rising powers, from start to end; NaN without one."""
     a, b, c, d = [*coefficients, 0.0, 0.0][:4]
-    ends = [start, *(x for x in _quadratic_roots(b, 2.0 * c, 3.0 * d) if start < x < end), end]
-    for low, high in pairwise(ends):  # monotonic from one turning point to the next
-        values = [a + x * (b + x * (c + x * d)) for x in (low, high)]
-        if values[0] * values[1] <= 0.0:
-            return _monotonic_root((a, b, c, d), low, high, rising=values[1] > values[0])
+
+    def value(x: float) -> float:
+        return a + x * (b + x * (c + x * d))
+
+    turning_points = [x for x in _quadratic_roots(b, 2.0 * c, 3.0 * d) if start < x < end]
+    for low, high in pairwise([start, *turning_points, end]):
+        if value(low) * value(high) <= 0.0:
+            return float(brentq(value, low, high))
     return math.nan
 
 
@@ -142,24 +144,6 @@ def _quadratic_roots(a: float, b: float, c: float) -> list[float]:
         return []
     q = -0.5 * (b + math.copysign(math.sqrt(discriminant), b))
     return sorted(top / bottom for top, bottom in ((q, c), (a, q)) if bottom)
-
-
-def _monotonic_root(cubic: tuple[float, float, float, float], low: float, high: float, *, rising: bool) -> float:
-    """Root of a cubic that is monotonic from low to high: Newton's steps, or halves where these leave the bracket."""
-    a, b, c, d = cubic
-    x = 0.5 * (low + high)
-    for _ in range(_MOST_STEPS):
-        value, slope = a + x * (b + x * (c + x * d)), b + x * (2.0 * c + x * 3.0 * d)
-        if (value > 0.0) == rising:
-            high = x
-        else:
-            low = x
-        step = x - value / slope if slope else math.inf
-        following = step if low <= step <= high else 0.5 * (low + high)
-        if abs(following - x) <= 4.0 * math.ulp(x):
-            return following
-        x = following
-    return x
 
 
 def _cubic(time: np.ndarray, value: np.ndarray, slope: np.ndarray, k: Any) -> tuple[Any, Any, Any, Any]:
