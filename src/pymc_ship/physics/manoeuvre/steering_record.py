@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, wraps
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -25,7 +24,7 @@ _BOTH_SIDES = 0.4  # of the time from the first execute; a sine is so near its e
 _ONE_SIDE = 0.7  # of the time from the first execute that the rudder of a turning circle is fixed
 _UNLIKE = 0.8  # of their median, largest deviation of the switching headings of a zigzag steered by hand
 _WIDEST = 45.0  # deg, switching heading
-_KEPT = 200_000  # samples in series, up to which values of functions of them are kept
+_LONGEST_CACHED = 200_000  # samples of the series whose values are cached
 
 
 @dataclass(frozen=True)
@@ -98,12 +97,25 @@ def manoeuvre_rudder_angle(delta: np.ndarray) -> float:
     return float(np.median(size[begin : end[begin]]))
 
 
+def _cache_by_values[Value](function: Callable[..., Value]) -> Callable[..., Value]:
+    """Function of series that keeps its last values: draws of one record have one rudder angle and one time."""
+
+    @lru_cache(maxsize=8)
+    def of_bytes(*series: bytes) -> Value:
+        return function(*map(np.frombuffer, series))
+
+    @wraps(function)
+    def cached(*series: np.ndarray) -> Value:
+        floats = [np.ascontiguousarray(one, dtype=float) for one in series]
+        is_long = sum(one.size for one in floats) > _LONGEST_CACHED
+        return function(*floats) if is_long else of_bytes(*(one.tobytes() for one in floats))
+
+    return cached
+
+
+@_cache_by_values
 def fixed_rudder_intervals(delta: np.ndarray) -> Sequence[tuple[int, int]]:
     """First sample and end of each flat interval at :func:`manoeuvre_rudder_angle` to either side, if not too short."""
-    return _of_series(_fixed_rudder_intervals, delta)
-
-
-def _fixed_rudder_intervals(delta: np.ndarray) -> Sequence[tuple[int, int]]:
     angle = manoeuvre_rudder_angle(delta)
     near = np.abs(np.abs(delta) - angle) <= _NEAR * angle
     side = np.concatenate([[0], np.where(near, np.sign(delta), 0), [0]])
@@ -118,28 +130,16 @@ def _fixed_rudder_intervals(delta: np.ndarray) -> Sequence[tuple[int, int]]:
     return tuple((k, end) for k, end in intervals if end - k >= _LASTS * longest and is_flat(k, end))
 
 
-def _of_series(function: Callable[..., Any], *series: np.ndarray) -> Any:
-    """Value of a function of series; draws of one record share rudder and time, so the last few values are kept."""
-    floats = [np.ascontiguousarray(one, dtype=float) for one in series]
-    if sum(one.size for one in floats) > _KEPT:
-        return function(*floats)
-    return _kept(function, *(one.tobytes() for one in floats))
-
-
-@lru_cache(maxsize=16)
-def _kept(function: Callable[..., Any], *series: bytes) -> Any:
-    return function(*(np.frombuffer(one) for one in series))
-
-
 def first_execute(trial: xr.Dataset) -> float:
     """Time [s] of the first execute, at which the rudder is first put over; of a record without an approach its begin.
 
     Begin of the line through the last instants at a quarter and a half of the way to the first fixed angle.
     """
     known = np.isfinite(trial["delta"].values)
-    return _of_series(_first_execute, trial["delta"].values[known], trial["time"].values[known])
+    return _first_execute(trial["delta"].values[known], trial["time"].values[known])
 
 
+@_cache_by_values
 def _first_execute(delta: np.ndarray, time: np.ndarray) -> float:
     intervals = fixed_rudder_intervals(delta)
     if not intervals or intervals[0][0] == 0:
