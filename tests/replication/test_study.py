@@ -212,7 +212,7 @@ def test_the_folder_holds_page_figures_tables_and_posteriors(folder):
     assert names == FILES
 
 
-def shown(value):
+def six_digits(value):
     return str(float(f"{value:.6g}") if isinstance(value, float) else value)
 
 
@@ -220,7 +220,7 @@ def shown(value):
 def test_a_csv_holds_the_rows_of_its_table(result, folder, name):
     with (folder / "tables" / f"{name}.csv").open(encoding="utf-8", newline="") as file:
         read = list(csv.DictReader(file))
-    rows = [{key: shown(value) for key, value in row.items()} for row in csv_tables(result)[name]]
+    rows = [{key: six_digits(value) for key, value in row.items()} for row in csv_tables(result)[name]]
     assert read == rows
 
 

@@ -106,9 +106,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     path, given = bag_of(Path(path)), load_format(format)
     table = _with_nanoseconds(text_table(path, given))
     columns, stated, notes = _chosen_columns(table, given, str(path))
-    series, layout = _time_series(table, columns, stated, path)
-    time, channels = series.time, series.channels
-    notes += series.notes
+    (time, channels, time_notes, rows_lost), layout = _time_series(table, columns, stated, path)
+    notes += time_notes
     for to_ship in (at_origin, with_true_wind):
         channels, changes = to_ship(channels, layout, str(path))
         notes += changes
@@ -117,8 +116,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     attrs: dict[str, Any] = {"reading": "\n".join([*notes, *scale_notes])}
     if not (table.shows_axes or shows_axes(columns, layout)):
         attrs[AXES] = ASSUMED
-    if series.lost:
-        attrs["rows_lost"] = series.lost
+    if rows_lost:
+        attrs["rows_lost"] = rows_lost
     if layout.speeds == OVER_GROUND:
         attrs["speeds"] = OVER_GROUND
     if layout.facility:
