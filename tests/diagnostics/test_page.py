@@ -103,7 +103,7 @@ def test_a_torn_posterior_heads_its_page_with_the_failing_diagnostic_and_says_wh
     assert bare.count("Not shown: the tree has no") == 8
     assert "Not shown: no draws of the same data and prior by another method are given." in bare
     assert "the tree has no constant_data/design_matrix and no observed_data/response." in bare
-    assert "the tree has no log_prior/coefficients and no log_likelihood/response." in bare
+    assert "the tree has no log_prior/coefficients and no constant_data/design_matrix and no observed" in bare
 
 
 @pytest.mark.slow

@@ -271,6 +271,24 @@ def test_predictive_draws_have_the_spread_of_the_response(good):
     assert d.with_posterior_predictive(drawn, np.random.default_rng(1)) is drawn
 
 
+@pytest.mark.parametrize("errors", ["normal", "ar1"])
+def test_draws_and_data_give_the_log_likelihood_again(good, errors):
+    tree, data, _ = good
+    if errors == "ar1":
+        tree = with_errors(tree, data, "ar1", np.full((4, 600), 0.5))
+    bare = without(tree, "log_likelihood")
+    again = d.with_log_likelihood(bare)["log_likelihood"].to_dataset()
+    xr.testing.assert_allclose(again, tree["log_likelihood"].to_dataset(), rtol=1e-10)
+    assert d.with_log_likelihood(tree) is tree
+    assert statistics.missing(bare, *d.required_for_likelihood(bare)) == []
+
+
+def test_a_law_that_is_not_known_gives_no_log_likelihood(good):
+    bare = without(good[0], "log_likelihood").assign()
+    bare.attrs["errors"] = "own"
+    assert d.required_for_likelihood(bare) == ("log_likelihood/response",)
+
+
 @pytest.mark.parametrize(("errors", "correlation"), [("ar1", 0.9), ("normal", 0.0)])
 def test_predictive_draws_obey_the_law_of_the_errors(good, errors, correlation):
     tree, data, _ = good

@@ -14,7 +14,7 @@ from pymc_ship.diagnostics.posterior_statistics import CI_PROB, SD_LIMIT, TAILS,
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.sampling.error_laws import OWN, errors_of, known_errors_of
+from pymc_ship.inference.sampling.error_laws import OWN, errors_of, known_errors_of, log_likelihood_group
 from pymc_ship.inference.sampling.predictive import predictive, prior_draws
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
@@ -68,6 +68,13 @@ def required_to_predict(tree: xr.DataTree) -> tuple[str, ...]:
     if prior_of(tree) is None or errors_of(tree) == OWN:
         return (*DESIGN, "prior_predictive/response", "posterior_predictive/response")
     return required_variables(tree)
+
+
+def required_for_likelihood(tree: xr.DataTree) -> tuple[str, ...]:
+    """Variables for the log likelihood of the rows; of a model with its own errors the log likelihood itself."""
+    if has(tree, "log_likelihood/response") or errors_of(tree) == OWN:
+        return ("log_likelihood/response",)
+    return (*DESIGN, "posterior/noise_variance")
 
 
 def prior_of(tree: xr.DataTree) -> Prior | None:
@@ -171,8 +178,15 @@ def with_posterior_predictive(tree: xr.DataTree, rng: np.random.Generator) -> xr
     if has(tree, "posterior_predictive/response"):
         return tree
     drawn = predictive(data_of(tree), tree["posterior"].to_dataset(), rng=rng, errors=known_errors_of(tree))
-    groups = {name: node.to_dataset() for name, node in tree.children.items()}
-    return xr.DataTree.from_dict({"/": tree.to_dataset(), **groups, "posterior_predictive": drawn})
+    return tree.assign(posterior_predictive=xr.DataTree(drawn))
+
+
+def with_log_likelihood(tree: xr.DataTree) -> xr.DataTree:
+    """The posterior with log_likelihood, from its draws and data where it has none."""
+    if has(tree, "log_likelihood/response"):
+        return tree
+    group = log_likelihood_group(data_of(tree), known_errors_of(tree), tree["posterior"].to_dataset())
+    return tree.assign(log_likelihood=xr.DataTree(group))
 
 
 def prior_noise_variance(tree: xr.DataTree, draws: int, rng: np.random.Generator) -> np.ndarray:

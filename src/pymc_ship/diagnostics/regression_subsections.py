@@ -277,10 +277,11 @@ def _residuals(tree: xr.DataTree) -> Subsection:
 
 def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Subsection:
     title = "Leave-one-out cross-validation"
-    if lacking := subsections.missing_sentence(tree, "log_likelihood/response", *regression.required_to_predict(tree)):
+    wanted = dict.fromkeys((*regression.required_for_likelihood(tree), *regression.required_to_predict(tree)))
+    if lacking := subsections.missing_sentence(tree, *wanted):
         return Subsection(title, f"Not shown: {lacking}")
-    loo = statistics.cross_validation(tree)
-    full = regression.with_posterior_predictive(tree, rng)
+    full = regression.with_posterior_predictive(regression.with_log_likelihood(tree), rng)
+    loo = statistics.cross_validation(full)
     half, most = regression.loo_pit_coverage(full)
     text = (
         f"{subsections.loo_sentences(loo, 'row', 3)} "
@@ -299,9 +300,9 @@ def _sensitivity(tree: xr.DataTree) -> Subsection:
     if statistics.has(tree, "posterior/group_coefficients"):
         return Subsection(title, "Not shown: power-scaling the priors of groups would change the pooling.")
     stated = next(iter(tree["log_prior"].data_vars), "coefficients") if "log_prior" in tree.children else "coefficients"
-    if lacking := subsections.missing_sentence(tree, f"log_prior/{stated}", "log_likelihood/response"):
+    if lacking := subsections.missing_sentence(tree, f"log_prior/{stated}", *regression.required_for_likelihood(tree)):
         return Subsection(title, f"Not shown: {lacking}")
-    rows = statistics.prior_sensitivity(tree)
+    rows = statistics.prior_sensitivity(regression.with_log_likelihood(tree))
     moved = [row["quantity"] for row in rows if row["prior"] > PSENSE_LIMIT]
     text = f"{len(moved)} of {len(rows)} quantities move with the prior{': ' + ', '.join(moved) if moved else ''}."
     caption = f"Power-scaling sensitivity by 0.99 and 1.01 (psense); above {PSENSE_LIMIT:g} a quantity is moved."

@@ -4,6 +4,7 @@ import arviz as az
 import matplotlib
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import stats
 
 import pymc_ship as ps
@@ -180,6 +181,17 @@ def test_a_restored_posterior_predicts_the_observed_data():
     assert drawn["coefficient"].equals(posterior["coefficient"])
     assert (drawn.std(("chain", "draw")) > 1e-9).values.tolist() == [True, False, True, True, True]
     assert (drawn.sel(coefficient="x2") == 0.4).all()
+
+
+@pytest.mark.parametrize("fixed", [{}, {"x2": 0.4}])
+def test_a_log_likelihood_that_was_left_out_comes_back(fixed):
+    data, prior = regression("tall"), ConjugatePrior()
+    tree = ps.gibbs_posterior(ps.hold_fixed(data, fixed) if fixed else data, prior, draws=50, rng=1)
+    if fixed:
+        tree = ps.restore_fixed(tree, fixed, data.coefficients)
+    checked = with_predictive(tree.drop_nodes("log_likelihood"), data, prior, rng=2)
+    again, stored = (one["log_likelihood"].to_dataset() for one in (checked, tree))
+    xr.testing.assert_allclose(again, stored, rtol=1e-9)
 
 
 def test_the_order_of_dims_changes_nothing():

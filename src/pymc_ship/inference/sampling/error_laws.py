@@ -172,6 +172,12 @@ def log_likelihood(data: RegressionData, errors: str, posterior: xr.Dataset) -> 
     return np.concatenate([law.log_likelihood(residual[..., part], variance, parameter) for part in parts], axis=-1)
 
 
+def log_likelihood_group(data: RegressionData, errors: str, posterior: xr.Dataset) -> xr.Dataset:
+    """Group log_likelihood of a tree: ``response`` with dims chain, draw, row; as :func:`log_likelihood`."""
+    coords = {name: posterior[name] for name in ("chain", "draw")} | {"row": np.arange(data.n_rows)}
+    return xr.Dataset({"response": (("chain", "draw", "row"), log_likelihood(data, errors, posterior))}, coords)
+
+
 def law_of_draws(data: RegressionData, posterior: xr.Dataset, density: xr.Dataset) -> str:
     """Name of the law that gives the log density of the rows but for a constant; "own" if none does or without it."""
     few = posterior.isel(draw=slice(10))
@@ -207,8 +213,7 @@ def with_errors(tree: xr.DataTree, data: RegressionData, errors: str, parameter:
     law, sample = error_law(errors, data), ("chain", "draw")
     groups = {name: group.to_dataset() for name, group in tree.children.items()}
     groups["posterior"] = posterior = groups["posterior"].assign({law.parameter: (sample, parameter)})
-    density = log_likelihood(data, errors, posterior)
-    groups["log_likelihood"] = groups["log_likelihood"].assign(response=((*sample, "row"), density))
+    groups["log_likelihood"] = log_likelihood_group(data, errors, posterior)
     groups["log_prior"] = groups["log_prior"].assign({law.parameter: (sample, law.log_parameter(parameter))})
     cited = json.dumps([*json.loads(tree.attrs["citations"]), law.citation])
     attrs = tree.attrs | {"errors": errors, "error_prior": f"{law.parameter} ~ {law.prior}", "citations": cited}

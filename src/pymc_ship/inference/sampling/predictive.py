@@ -12,7 +12,7 @@ from pymc_ship.inference.regression.prior_table import hold_fixed
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import new_design
-from pymc_ship.inference.sampling.error_laws import draw_errors, error_law, known_errors_of
+from pymc_ship.inference.sampling.error_laws import draw_errors, error_law, known_errors_of, log_likelihood_group
 from pymc_ship.machine.seeds import Seed, random_generator
 
 PREDICTIVE_DRAWS = 500  # default number of prior draws
@@ -134,7 +134,7 @@ def with_predictive(
     DataTree
         With the groups prior (the variables of the posterior; one chain), prior_predictive and posterior_predictive
         (``response`` with dims chain, draw, row, of the ``observed_data``: without the part of coefficients that
-        :func:`~pymc_ship.inference.regression.prior_table.restore_fixed` added).
+        :func:`~pymc_ship.inference.regression.prior_table.restore_fixed` added), and log_likelihood if it has none.
 
     Raises
     ------
@@ -160,6 +160,7 @@ def with_predictive(
         "posterior_predictive": predictive(data, posterior, rng=rng, errors=errors),
     }
     own = {name: group.to_dataset() for name, group in tree.children.items()}
+    own.setdefault("log_likelihood", log_likelihood_group(data, errors, posterior))
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=tree.attrs), **own, **groups})
 
 
