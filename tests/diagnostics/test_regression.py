@@ -1,5 +1,6 @@
 """The numbers of a saved posterior against closed forms, exact posteriors and series whose nature is known."""
 
+import arviz as az
 import numpy as np
 import pytest
 import xarray as xr
@@ -239,7 +240,10 @@ def test_leave_one_out_of_a_right_model(good):
     loo = statistics.cross_validation(good[0])
     assert float(loo.p) == pytest.approx(4.0, abs=1.5)
     assert (loo.pareto_k.values < loo.good_k).all()
-    half, most = d.loo_pit_coverage(d.with_posterior_predictive(good[0], np.random.default_rng(0)))
+    whole = d.with_posterior_predictive(good[0], np.random.default_rng(0))
+    pit = d.loo_pit(whole, loo)
+    xr.testing.assert_allclose(pit, az.loo_pit(whole, var_names="response", pareto_pit=True))
+    half, most = d.loo_pit_coverage(pit)
     assert half == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / 300))
     assert most == pytest.approx(0.95, abs=4 * np.sqrt(0.0475 / 300))
 

@@ -220,9 +220,10 @@ def pareto_k(loo: ELPDData) -> Figure:
     return fig
 
 
-def loo_pit(tree: xr.DataTree) -> Figure:
+def loo_pit(pit: xr.Dataset) -> Figure:
     """Leave-one-out probability integral transform, ECDF minus uniform."""
-    fig = arviz_figure("plot_loo_pit", tree, (8.0, 3.2), var_names=["response"], envelope_prob=ENVELOPE)
+    tree, settings = xr.DataTree.from_dict({"loo_pit": pit}), {"var_names": ["response"], "envelope_prob": ENVELOPE}
+    fig = arviz_figure("plot_ecdf_pit", tree, (8.0, 3.2), group="loo_pit", sample_dims=["row"], **settings)
     low, high = fig.axes[0].get_ylim()
     fig.axes[0].set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     return _label_axes(fig, "LOO-PIT", "ECDF minus uniform")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import warnings
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -16,6 +16,9 @@ from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import OWN, errors_of, known_errors_of, log_likelihood_group
 from pymc_ship.inference.sampling.predictive import predictive, prior_draws
+
+if TYPE_CHECKING:
+    from arviz_stats.utils import ELPDData
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
 _PREDICTIVE = ("prior", "prior_predictive", "posterior_predictive")  # groups of with_predictive
@@ -162,13 +165,19 @@ def residuals(tree: xr.DataTree) -> xr.DataArray:
     return xr.DataArray(data.response - fitted, {"time": ("row", data.time)}, ("row",))
 
 
-def loo_pit_coverage(tree: xr.DataTree, probabilities: tuple[float, ...] = (0.5, CI_PROB)) -> list[float]:
-    """Fraction of the rows inside central leave-one-out intervals; needs log_likelihood and posterior_predictive."""
+def loo_pit(tree: xr.DataTree, loo: ELPDData) -> xr.Dataset:
+    """Leave-one-out probability integral transform of the ``response`` (row); needs posterior_predictive.
+
+    ``loo`` is the cross-validation of the same posterior.
+    """
     import arviz as az
 
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Estimated shape parameter of Pareto", category=UserWarning)
-        pit = az.loo_pit(tree, var_names="response")
+    smoothed = {name: xr.Dataset({"response": getattr(loo, name)}) for name in ("log_weights", "pareto_k")}
+    return az.loo_pit(tree, var_names="response", pareto_pit=True, **smoothed)
+
+
+def loo_pit_coverage(pit: xr.Dataset, probabilities: tuple[float, ...] = (0.5, CI_PROB)) -> list[float]:
+    """Fraction of the rows inside central leave-one-out intervals."""
     distance = np.abs(pit["response"].values - 0.5)
     return [float(np.mean(distance <= 0.5 * probability)) for probability in probabilities]
 

@@ -282,7 +282,8 @@ def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Subsection:
         return Subsection(title, f"Not shown: {lacking}")
     full = regression.with_posterior_predictive(regression.with_log_likelihood(tree), rng)
     loo = statistics.cross_validation(full)
-    half, most = regression.loo_pit_coverage(full)
+    pit = regression.loo_pit(full, loo)
+    half, most = regression.loo_pit_coverage(pit)
     text = (
         f"{subsections.loo_sentences(loo, 'row', 3)} "
         f"Leave-one-out intervals of 50 and {_CI} cover {100 * half:.0f} and {100 * most:.0f} % of the rows. "
@@ -292,7 +293,7 @@ def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Subsection:
         "LOO-PIT, its distribution function minus the uniform one; orange: what most tells it from uniform "
         f"(envelope_prob {statistics.ENVELOPE:g})."
     )
-    return Subsection(title, text, [], [subsections.pareto_image(loo, "row"), ("pit", figures.loo_pit(full), caption)])
+    return Subsection(title, text, [], [subsections.pareto_image(loo, "row"), ("pit", figures.loo_pit(pit), caption)])
 
 
 def _sensitivity(tree: xr.DataTree) -> Subsection:

@@ -53,8 +53,8 @@ def thinned(record: xr.Dataset, points: int) -> xr.Dataset:
 @house_style
 def _saved_bytes(fig: Figure, **settings: Any) -> bytes:
     """File of a figure, laid out once: the constrained layout moves its axes at every draw."""
-    if fig.get_layout_engine() is not None:
-        fig.draw_without_rendering()
+    if (engine := fig.get_layout_engine()) is not None:
+        engine.execute(fig)
         fig.set_layout_engine("none")
     buffer = io.BytesIO()
     fig.savefig(buffer, **settings)
