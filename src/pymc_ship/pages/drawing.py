@@ -11,6 +11,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -50,28 +52,34 @@ def thinned(record: xr.Dataset, points: int) -> xr.Dataset:
     return record.isel(time=slice(None, None, max(1, record.sizes["time"] // points)))
 
 
-@house_style
-def _saved_bytes(fig: Figure, **settings: Any) -> bytes:
-    """File of a figure, laid out once: the constrained layout moves its axes at every draw."""
+def _lay_out(fig: Figure) -> None:
+    """Lay a figure out once: the constrained layout would move its axes at every draw."""
     if (engine := fig.get_layout_engine()) is not None:
         engine.execute(fig)
         fig.set_layout_engine("none")
-    buffer = io.BytesIO()
-    fig.savefig(buffer, **settings)
-    return buffer.getvalue()
 
 
+@house_style
 def svg(fig: Figure, name: str) -> str:
     """Figure as reproducible SVG text; its ids begin with the name."""
-    text = _saved_bytes(fig, format="svg", metadata={"Date": None}).decode()
+    _lay_out(fig)
+    buffer = io.BytesIO()
+    FigureCanvasSVG(fig).print_svg(buffer, metadata={"Date": None})
+    text = buffer.getvalue().decode()
     return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}.", text[text.index("<svg") :])
 
 
+@house_style
 def png(fig: Figure, dpi: int) -> bytes:
     """Figure as PNG bytes at a resolution [dots per inch], with a palette: a third of the size of full colour."""
-    full = _saved_bytes(fig, format="png", dpi=dpi, pil_kwargs={"compress_level": 0})
+    _lay_out(fig)
+    canvas, own_dpi = FigureCanvasAgg(fig), fig.dpi
+    fig.set_dpi(dpi)
+    canvas.draw()
+    fig.set_dpi(own_dpi)
+    pixels = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     buffer = io.BytesIO()
-    Image.open(io.BytesIO(full)).convert("RGB").quantize(dither=Image.Dither.NONE).save(buffer, "PNG", dpi=(dpi, dpi))
+    pixels.quantize(dither=Image.Dither.NONE).save(buffer, "PNG", dpi=(dpi, dpi))
     return buffer.getvalue()
 
 
