@@ -156,8 +156,12 @@ def _forecasts(data: DataSet) -> list[Measurement]:
         tree = forecast(ship, manoeuvre, rng=rng, duration=duration, **AS_PUBLISHED)
         reference = simulate(data.vessel, manoeuvre, duration=duration, record_interval=0.5)
         row = forecast_row(reference, indices(reference), tree)
-        values = {"error": row["error"], "band_coverage": row["coverage"], "share_diverged": row["share_diverged"]}
-        values |= {"share_extrapolated": 100.0 * tree.attrs["share_extrapolated"]} | _index_errors(row)
+        values = {
+            "error": row["error"],
+            "band_coverage": row["coverage"],
+            "diverged": row["diverged"],
+        }
+        values |= {"extrapolated": 100.0 * tree.attrs["extrapolated_fraction"]} | _index_errors(row)
         measured.append(_measurement(data, name, values))
     return measured
 

@@ -105,9 +105,9 @@ AIMS = (
         "median",
         limits=_at_most(0.01, 0.03, 0.1),
     ),
-    Aim("draws diverged, 10/10 zigzag", "%", "white", _ZIGZAG, "share_diverged", "mean", limits={}),
-    Aim("draws diverged, 35 deg turn", "%", "white", _TURN, "share_diverged", "mean", limits={}),
-    Aim("draws diverged, 35 deg turn, 600 s", "%", "white", _LONG_TURN, "share_diverged", "mean", limits={}),
+    Aim("draws diverged, 10/10 zigzag", "%", "white", _ZIGZAG, "diverged", "mean", limits={}),
+    Aim("draws diverged, 35 deg turn", "%", "white", _TURN, "diverged", "mean", limits={}),
+    Aim("draws diverged, 35 deg turn, 600 s", "%", "white", _LONG_TURN, "diverged", "mean", limits={}),
     Aim("median coefficient error, 20/20 zigzag alone", "%", "white", _DEFAULT, "median_error", "median", limits={}),
     Aim(
         "the same and one designed run",

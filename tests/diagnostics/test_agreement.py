@@ -152,7 +152,7 @@ def test_table_holds_estimates_and_their_errors():
     of_noise = row.sel(quantity="noise_variance")
     noise = right()["posterior"]["noise_variance"].values
     below = (noise[..., None] < of_noise["exact_quantile"].values).mean((0, 1))
-    assert np.array_equal(of_noise["share_below"], below)
+    assert np.array_equal(of_noise["ecdf"], below)
     assert below == pytest.approx([0.05, 0.5, 0.95], abs=0.02)
 
 

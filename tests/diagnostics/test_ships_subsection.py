@@ -13,7 +13,7 @@ from pymc_ship.diagnostics.regression import data_of, prior_of
 from pymc_ship.diagnostics.regression_subsections import _ships as of_regression
 from pymc_ship.diagnostics.trajectory import prior_of as trajectory_prior
 from pymc_ship.diagnostics.trajectory_subsections import _ships as of_trajectories
-from pymc_ship.ships.forecasting.prior_ships import index_row, share_row
+from pymc_ship.ships.forecasting.prior_ships import index_row, status_row
 from tests.diagnostics.cases import hull, short_posterior, without
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -45,16 +45,16 @@ def cells(part, which):
 def test_a_regression_shows_ships_of_its_prior_beside_those_of_its_posterior(sway, container):
     """The prior of one DOF alone is so wide that most of its ships run away; the posterior is at the reference."""
     part = of_regression(sway, container, rng())
-    shares = cells(part, 0)
-    prior, posterior = (next(row for row in shares if row["ships of the"] == of) for of in ("prior", "posterior"))
+    percentages = cells(part, 0)
+    prior, posterior = (next(row for row in percentages if row["ships of the"] == of) for of in ("prior", "posterior"))
     drawn = ps.prior_ships(
         container, {"sway": (data_of(sway), prior_of(sway))}, ps.zigzag(10, 10), draws=400, rng=rng()
     )
-    expected = 100.0 * drawn.attrs["share_diverged"]
+    expected = 100.0 * drawn.attrs["diverged_fraction"]
     assert float(prior["diverged %"]) == pytest.approx(expected, abs=4.0 * 100.0 * np.sqrt(0.25 / 40 + 0.25 / 400))
     assert expected > 50.0
     assert posterior["diverged %"] == posterior["wrong way %"] == "0.0"
-    assert [row["manoeuvre"] for row in shares[::2]] == ["zigzag 10/10 port", "turning circle 35 port"]
+    assert [row["manoeuvre"] for row in percentages[::2]] == ["zigzag 10/10 port", "turning circle 35 port"]
     assert "Surge, yaw, roll keep the reference values of the vessel." in part.text
     bands = cells(part, 1)
     assert [row["index"] for row in bands] == [
@@ -73,8 +73,8 @@ def test_a_regression_shows_ships_of_its_prior_beside_those_of_its_posterior(swa
 def test_the_prior_group_of_a_tree_goes_before_what_it_records(sway, container):
     """A tree of which the group prior holds the posterior's draws has the same ships on both sides."""
     own = sway.assign({"prior": sway["posterior"].copy()})
-    shares = cells(of_regression(own, container, rng()), 0)
-    assert {row["none of these %"] for row in shares} == {"100.0"}
+    percentages = cells(of_regression(own, container, rng()), 0)
+    assert {row["none of these %"] for row in percentages} == {"100.0"}
 
 
 def test_why_no_ships_are_shown_is_said(good, container):
@@ -98,7 +98,7 @@ def test_trajectories_have_the_prior_with_its_factors():
     drawn = ps.prior_ships(hull(), prior, ps.zigzag(10, 10), draws=400, rng=rng())
     shown = float(cells(part, 0)[0]["course-unstable %"])
     assert shown == pytest.approx(
-        100.0 * drawn.attrs["share_course_unstable"], abs=4.0 * 100.0 * np.sqrt(0.25 / 40 + 0.25 / 400)
+        100.0 * drawn.attrs["course_unstable_fraction"], abs=4.0 * 100.0 * np.sqrt(0.25 / 40 + 0.25 / 400)
     )
     assert part.text.endswith("The records chose the factors of its scales.")
     assert "reference values" not in part.text
@@ -109,7 +109,7 @@ def test_rows_are_shares_in_percent_and_bands_over_the_ships_that_reach(containe
         [ps.simulate(container, ps.zigzag(20, 20), duration=200, step=0.1, method="rk4")], container
     )
     ships = ps.prior_ships(container, prior, ps.turning_circle(35), draws=60, rng=rng())
-    row, L = share_row(ships), container.particulars.L
+    row, L = status_row(ships), container.particulars.L
     assert (row["manoeuvre"], row["ships"]) == ("turning circle 35 port", 60)
     assert row["diverged"] == pytest.approx(100.0 * ships["diverged"].mean())
     values = ships["advance"].values[np.isfinite(ships["advance"].values)] / L

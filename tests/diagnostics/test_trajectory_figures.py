@@ -112,7 +112,7 @@ def test_directions_are_drawn_as_shares_with_the_unknown_apart():
     unknown, told = (line.get_ydata() for line in ax.lines[:2])
     assert (unknown.size, told.size) == (found.attrs["n_unknown"], 53 - found.attrs["n_unknown"])
     assert unknown.min() > 0.5 >= told.max()
-    assert (ax.get_yscale(), ax.get_ylabel()) == ("log", "prior variance left [share]")
+    assert (ax.get_yscale(), ax.get_ylabel()) == ("log", "posterior over prior variance")
 
 
 def test_the_correlation_is_parted_by_degree_of_freedom():

@@ -82,7 +82,7 @@ def test_the_verdict_says_what_is_known_how_noise_was_treated_and_how_far_to_tru
 
 
 def test_the_verdict_on_a_normal_approximation_that_fails():
-    failing = with_attrs(short_posterior(), pareto_khat=0.85, share_diverged=0.125)
+    failing = with_attrs(short_posterior(), pareto_khat=0.85, diverged_fraction=0.125)
     convergence_diagnostics, khat, *_, starts = TRAJECTORIES.verdict(section(failing))
     assert convergence_diagnostics == (
         "A convergence diagnostic fails: Pareto k-hat 0.85 (importance weights of the draws), to be ≤ 0.7. Do not rely "

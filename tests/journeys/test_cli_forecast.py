@@ -76,7 +76,7 @@ def test_forecast_takes_a_joint_posterior_and_says_what_it_extrapolates(made, sm
     run("forecast", tmp_path / f"joint.{ending}", *words, "--out", tmp_path / "out")
     settings = simulation_settings(small, duration=100.0, ci_prob=0.95)
     found = posterior_forecast(small, tree, ps.turning_circle(35.0), draws=30, rng=2020, **settings)
-    share = f"{100.0 * found.attrs['share_extrapolated']:.3g} % of the instants"
+    share = f"{100.0 * found.attrs['extrapolated_fraction']:.3g} % of the instants"
     assert float(share.split()[0]) > 50.0
     first, *others = capsys.readouterr().out.splitlines()
     assert first == f"turning circle 35 port: 30 draws, 0 % diverged, {share} extrapolated, bands of 95%"

@@ -30,7 +30,7 @@ def subsections_of(*names):
 
 
 SUMMARY = {"family", "dof", "coefficients", "median", "under_5", "under_20", "under_50", "coverage"}
-FORECAST = {"level", "manoeuvre", "error", "coverage", "share_diverged", "share_extrapolated", "extrapolation"}
+FORECAST = {"level", "manoeuvre", "error", "coverage", "diverged", "extrapolated", "extrapolation"}
 TABLES = {
     "errors": (2 * 2 * 5, SUMMARY | {"level"}),
     "sweep": (2 * 5, SUMMARY | {"level"}),

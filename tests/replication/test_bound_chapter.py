@@ -33,8 +33,8 @@ def method_row(level, method, median):
 def forecast_row(level, error, **more):
     shares = {
         "coverage": 90.0,
-        "share_diverged": 1.5,
-        "share_extrapolated": 50.0,
+        "diverged": 1.5,
+        "extrapolated": 50.0,
         "extrapolation": f"Said at {level:g}.",
     }
     return {"level": level, "error": error, **shares, **more}

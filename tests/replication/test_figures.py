@@ -222,7 +222,7 @@ def test_a_forecast_states_its_shares_below_its_bands(known, words):
     reference, forecasts = forecast_inputs("zigzag")
     forecasts = {family: tree.copy() for family, tree in forecasts.items()}
     for tree, diverged in zip(forecasts.values(), (0.0, 0.5), strict=True):
-        tree.attrs |= {"share_extrapolated": known, "share_diverged": diverged}
+        tree.attrs |= {"extrapolated_fraction": known, "diverged_fraction": diverged}
     conjugate, semiconjugate = figures.forecast_channels(reference, forecasts).get_supxlabel().splitlines()
     assert conjugate == f"conjugate: 6 draws, 0 % diverged{words}"
     assert semiconjugate == f"semiconjugate: 6 draws, 50 % diverged{words}"

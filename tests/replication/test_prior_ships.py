@@ -95,9 +95,9 @@ def test_a_prior_has_its_own_generator(container, found, trial):
 
 def test_the_table_shows_shares_and_bands():
     """A prior of which no ship reaches the index has a dash."""
-    shares = {"diverged": 100.0, "wrong_way": 0.0, "course_unstable": 50.0, "complete": 0.0, "reached": 0.0}
+    outcomes = {"diverged": 100.0, "wrong_way": 0.0, "course_unstable": 50.0, "complete": 0.0, "reached": 0.0}
     row = {"family": "conjugate", "choice": "chosen", "manoeuvre": "turning circle 35 port", "index": "advance"}
-    row |= {"unit": "L", "lower": np.nan, "median": np.nan, "upper": np.nan, **shares}
+    row |= {"unit": "L", "lower": np.nan, "median": np.nan, "upper": np.nan, **outcomes}
     other = row | {"lower": 4.0, "median": 5.0, "upper": 6.0, "reached": 80.0}
     found = _prior_ship_table(SimpleNamespace(tables={"prior_ships": [row, other]}))
     assert [cells[-2:] for cells in found.cells] == [["advance [L]: –", "0.0"], ["advance [L]: 5 (4 to 6)", "80.0"]]

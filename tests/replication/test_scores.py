@@ -42,7 +42,7 @@ def shifted_bands(ship, found, shift, width):
     channels = ship[list(SCORED)]
     bands = (channels + offsets * (channels.max() - channels.min())).transpose("band", "time")
     index_bands = found + xr.DataArray([-1.0, 0.0, 1.0], coords={"band": list(BANDS)})
-    attrs = {"label": "zigzag", "share_diverged": 0.25, "share_extrapolated": 0.5, "extrapolation": "Half of it."}
+    attrs = {"label": "zigzag", "diverged_fraction": 0.25, "extrapolated_fraction": 0.5, "extrapolation": "Half of it."}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), "bands": bands, "index_bands": index_bands})
 
 
@@ -141,7 +141,7 @@ def test_forecast_row_measures_error_in_ranges_and_coverage(ship, shift, width, 
     row = forecast_row(ship, found, shifted_bands(ship, found, shift, width), family="conjugate")
     assert row["error"] == pytest.approx(100.0 * abs(shift), abs=1e-9)
     assert row["coverage"] == coverage
-    assert (row["share_diverged"], row["share_extrapolated"], row["extrapolation"]) == (25.0, 50.0, "Half of it.")
+    assert (row["diverged"], row["extrapolated"], row["extrapolation"]) == (25.0, 50.0, "Half of it.")
     assert (row["family"], row["manoeuvre"]) == ("conjugate", "zigzag")
     angle = float(found["first_overshoot_angle"])
     names = ("reference", *BANDS)

@@ -77,7 +77,7 @@ def test_relative_errors_are_unknown_for_zeros_only(result):
 def test_forecasts_at_the_level_shown_are_scored_and_shares_are_shares(result):
     for name in ("forecast_zigzag", "forecast_turning_circle"):
         for row in result.tables[name]:
-            assert 0.0 <= row["share_diverged"] <= 100.0
+            assert 0.0 <= row["diverged"] <= 100.0
             if row["level"] == LEVEL:
                 assert 0.0 < row["error"] < 100.0
                 assert 0.0 <= row["coverage"] <= 100.0

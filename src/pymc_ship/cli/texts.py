@@ -14,7 +14,7 @@ from pymc_ship.physics.vessel.rescaling import rescale
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.design.outlook import sentence_without_gain
 from pymc_ship.ships.ensemble.scores import BANDS
-from pymc_ship.ships.forecasting.forecast import NO_ROLL, draws_and_shares, has_roll
+from pymc_ship.ships.forecasting.forecast import NO_ROLL, draws_text, has_roll
 from pymc_ship.trial.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str], most: i
 
 def forecast_text(tree: xr.DataTree, columns: Mapping[str, Mapping[Any, Any]]) -> str:
     """Bands of each index beside other columns, with divergence and extrapolation of the forecast."""
-    lines = [f"{tree.attrs['label']}: {draws_and_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]
+    lines = [f"{tree.attrs['label']}: {draws_text(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]
     if "index_bands" in tree.children:
         bands = tree["index_bands"].to_dataset()
         lines.append(index_text(bands, {**columns, **{band: bands.sel(band=band) for band in BANDS}}))

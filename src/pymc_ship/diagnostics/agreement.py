@@ -44,7 +44,7 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     Dataset
         Dims method, quantity (every coefficient and ``"noise_variance"``) and probability; select one method with
         ``table.sel({"method": "nuts"})``. ``exact_mean``, ``exact_sd``, ``exact_quantile``; ``mean``, ``sd``,
-        ``mcse_mean``, ``mcse_sd``, ``share_below``; ``z_mean``, ``z_sd``, ``z_quantile``; ``r_hat``, ``ess_bulk``,
+        ``mcse_mean``, ``mcse_sd``, ``ecdf``; ``z_mean``, ``z_sd``, ``z_quantile``; ``r_hat``, ``ess_bulk``,
         ``ess_tail``; per method ``divergences`` (NaN where unknown), ``largest_z`` and ``agrees``: every z within
         ``attrs["z_limit"]``, R-hat at most 1.01 and no divergence. ``attrs["verdict"]`` is the sentence on them.
 
@@ -129,10 +129,10 @@ def _compare(tree: xr.DataTree, exact: xr.Dataset) -> xr.Dataset:
     values["z_sd"] = (values["sd"] - exact["exact_sd"]) / values["mcse_sd"]
     if "exact_quantile" in exact:
         below = (draws < exact["exact_quantile"]).astype(float)
-        values["share_below"] = below.mean(_SAMPLE)
+        values["ecdf"] = below.mean(_SAMPLE)
         probability = exact["probability"]
         error = np.sqrt(probability * (1.0 - probability) / az.ess(below, method="mean"))
-        values["z_quantile"] = (values["share_below"] - probability) / error
+        values["z_quantile"] = (values["ecdf"] - probability) / error
     stats = tree["sample_stats"].dataset if "sample_stats" in tree.children else {}
     divergences = float(stats["diverging"].sum()) if "diverging" in stats else np.nan
     return xr.Dataset(values).assign(divergences=divergences)

@@ -26,8 +26,8 @@ from pymc_ship.ships.forecasting.prior_ships import (
     RegressionPrior,
     index_row,
     prior_ships,
-    share_row,
     simulate_draws,
+    status_row,
 )
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ SHIPS = 200
 """Ships of the prior, and of the posterior, in each manoeuvre of a section: a share of a half is known to 3.5 %."""
 
 SHIPS_TITLE = "Ships of the prior and of the posterior"  # title of the subsection on ships drawn from the prior
-_SHARES = heads(str, manoeuvre="manoeuvre", of="ships of the") | ENDS
+_OUTCOMES = heads(str, manoeuvre="manoeuvre", of="ships of the") | ENDS
 _BANDS = heads(str, index="index", manoeuvre="manoeuvre", prior="prior") | heads(
     fixed_point(1), prior_reached="reached %"
 )
@@ -198,14 +198,14 @@ def ships_subsection(
     except VesselError as error:
         return Subsection(SHIPS_TITLE, f"Not shown: {error}")
     posterior = tree if isinstance(prior, CoefficientPrior) else dict.fromkeys(prior, tree)
-    shares, bands, drawn = [], [], []
+    outcomes, bands, drawn = [], [], []
     for manoeuvre, names in STANDARD.items():
         rows = coefficient_draws(ship, posterior, SHIPS, rng)
         both = {
             "prior": prior_ships(ship, prior, manoeuvre, draws=SHIPS, rng=rng),
             "posterior": simulate_draws(ship, rows, manoeuvre, rng),
         }
-        shares += [{"of": of, **share_row(ships)} for of, ships in both.items()]
+        outcomes += [{"of": of, **status_row(ships)} for of, ships in both.items()]
         for name in names:
             one = {of: index_row(ships, name, ship.particulars.L, ci_prob=CI_PROB) for of, ships in both.items()}
             label = f"{name.replace('_', ' ')} [{one['prior']['unit']}]"
@@ -218,7 +218,7 @@ def ships_subsection(
         f"way: the heading changes against the rudder first.{fixed_text}"
     )
     tables = [
-        (table(shares, _SHARES), "Shares of the ships; one may count in several of the first three."),
+        (table(outcomes, _OUTCOMES), "Percentages of the ships; one may count in several of the first three."),
         (table(bands, _BANDS), f"Equal-tailed bands of {percent(CI_PROB)} over the ships that reach the index."),
     ]
     caption = f"Median and equal-tailed {percent(CI_PROB)} of the indices under prior (grey) and posterior (blue)."

@@ -184,6 +184,6 @@ def directions_figure(dataset: xr.Dataset) -> Figure:
         ):
             ax.semilogy(position[which], remaining[which], ".", color=colour, ms=5, label=label)
         ax.axhline(UNKNOWN, color=REFERENCE, ls="--", lw=0.9)
-        ax.set(xlabel="direction, the least known first", ylabel="prior variance left [share]")
+        ax.set(xlabel="direction, the least known first", ylabel="posterior over prior variance")
         ax.legend()
     return fig

@@ -90,8 +90,10 @@ def _white(tree: xr.DataTree) -> str:
 def _divergence_text(tree: xr.DataTree) -> str:
     if statistics.has(tree, "sample_stats/diverging"):
         return f"{int(tree['sample_stats']['diverging'].sum())} transitions of the sampler diverged"
-    if "share_diverged" in tree.attrs:
-        return f"with {100 * float(tree.attrs['share_diverged']):.3g} % of the draws the ship diverged on the records"
+    if "diverged_fraction" in tree.attrs:
+        return (
+            f"with {100 * float(tree.attrs['diverged_fraction']):.3g} % of the draws the ship diverged on the records"
+        )
     return "divergences were not recorded"
 
 

@@ -10,7 +10,7 @@ from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import figures
 from pymc_ship.replication.measurements import BOUND, fit_name
 from pymc_ship.replication.study import MANOEUVRES, TRAJECTORY_PRIORS, StudyResult
-from pymc_ship.replication.tables import ERROR_SHARES
+from pymc_ship.replication.tables import ERROR_COUNTS
 
 BELOW_ON_BOUND = 68
 """Share [%] of normal errors within one standard deviation."""
@@ -82,7 +82,7 @@ def _forecasts(result: StudyResult, level: float) -> list[str]:
         f"{_n(rows[name]['zigzag_error'])} and {_n(rows[name]['turning_circle_error'])} % with the {name}"
         for name in methods
     )
-    diverged = " and ".join(_n(rows[name]["turning_circle_share_diverged"]) for name in methods)
+    diverged = " and ".join(_n(rows[name]["turning_circle_diverged"]) for name in methods)
     return [
         f"Forecasts of the 10/10 zigzag and the 35 deg turn have errors of {errors} (of the channels' range); "
         f"{diverged} % of the draws diverge in the turn."
@@ -115,7 +115,7 @@ def method_table(result: StudyResult) -> Table:
     columns = (
         heads(number(3), level="noise level") | heads(str, method="method") | heads(number(3), median="median error %")
     )
-    columns |= ERROR_SHARES | heads(fixed_point(0), coverage="90 % intervals cover %") | heads(str, detail="how")
+    columns |= ERROR_COUNTS | heads(fixed_point(0), coverage="90 % intervals cover %") | heads(str, detail="how")
     return table(result.tables["methods"], columns)
 
 
@@ -131,7 +131,7 @@ def forecast_rows(result: StudyResult) -> list[dict]:
             scores = {
                 f"{name}_{key}": row[key]
                 for name, row in known.items()
-                for key in ("error", "coverage", "share_diverged", "share_extrapolated")
+                for key in ("error", "coverage", "diverged", "extrapolated")
             }
             khat = known["zigzag"].get("pareto_khat", float("nan"))
             rows.append({"level": level, "method": method, **scores, "pareto_khat": khat})
@@ -145,8 +145,8 @@ def forecast_table(result: StudyResult) -> Table:
         columns |= {
             f"{name}_error": (f"{short_name} error %", number(3)),
             f"{name}_coverage": ("cover %", fixed_point(0)),
-            f"{name}_share_diverged": ("diverged %", fixed_point(1)),
-            f"{name}_share_extrapolated": ("outside %", fixed_point(0)),
+            f"{name}_diverged": ("diverged %", fixed_point(1)),
+            f"{name}_extrapolated": ("outside %", fixed_point(0)),
         }
     return table(forecast_rows(result), columns | {"pareto_khat": ("Pareto k-hat", fixed_point(2))})
 

@@ -16,7 +16,7 @@ from pymc_ship.inference.regression.tune import TunedPrior
 from pymc_ship.pages.drawing import DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.motion.equations import STATE
-from pymc_ship.ships.forecasting.forecast import draws_and_shares
+from pymc_ship.ships.forecasting.forecast import draws_text
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
 
@@ -108,7 +108,7 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
     _track(axes.flat[-1], reference, forecasts, equal=turning)
     handles, labels = axes.flat[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside upper center", ncols=3)
-    fig.supxlabel("\n".join(f"{family}: {draws_and_shares(tree)}" for family, tree in forecasts.items()), fontsize=9.0)
+    fig.supxlabel("\n".join(f"{family}: {draws_text(tree)}" for family, tree in forecasts.items()), fontsize=9.0)
     return fig
 
 

@@ -11,7 +11,7 @@ from pymc_ship.replication import bound_chapter, figures
 from pymc_ship.replication.measurements import PAPER_FAMILIES, level_of_error
 from pymc_ship.replication.prior_ships import POSTERIOR
 from pymc_ship.replication.study import StudyResult
-from pymc_ship.replication.tables import ERROR_SHARES
+from pymc_ship.replication.tables import ERROR_COUNTS
 
 SOURCES = (
     "Johnstone & Silverman (2004), Annals of Statistics 32(4):1594, doi:10.1214/009053604000000030",
@@ -130,7 +130,7 @@ def _differencing(result: StudyResult) -> dict:
         f"Euler differences and a row each second, which the main tables keep, has {_n(chosen['median'])} %. "
         f"{_denoisers(result)}"
     )
-    columns = heads(str, derivative="derivative", interval="rows") | heads(_n, median="median %") | ERROR_SHARES
+    columns = heads(str, derivative="derivative", interval="rows") | heads(_n, median="median %") | ERROR_COUNTS
     return _finding("How the accelerations are formed", text, table=table(rows, columns))
 
 
@@ -157,7 +157,7 @@ def _forecasts(result: StudyResult) -> dict:
                     "coefficients": row["median"],
                     "zigzag": _forecast(result, "zigzag", *key)["error"],
                     "turn": _forecast(result, "turning_circle", *key)["error"],
-                    "diverged": _forecast(result, "turning_circle", *key)["share_diverged"],
+                    "diverged": _forecast(result, "turning_circle", *key)["diverged"],
                 }
             )
     shown = next(row for row in rows if row["level"] == result.level)

@@ -18,8 +18,8 @@ from pymc_ship.ships.forecasting.prior_ships import (
     RegressionPrior,
     index_row,
     prior_ships,
-    share_row,
     simulate_draws,
+    status_row,
 )
 
 SHIPS = 200
@@ -66,7 +66,7 @@ def prior_ship_rows(
     """How the ships of each prior, and of each family's posterior, end in the standard manoeuvres.
 
     ``rng`` gives a generator for a family and a choice; ``ships`` are drawn of each. Keys: ``family``, ``choice``,
-    those of :func:`pymc_ship.ships.forecasting.prior_ships.share_row`, and ``index``, the first index of the manoeuvre
+    those of :func:`pymc_ship.ships.forecasting.prior_ships.status_row`, and ``index``, the first index of the manoeuvre
     that IMO limits, with those of :func:`pymc_ship.ships.forecasting.prior_ships.index_row`.
     """
     rows = []
@@ -87,5 +87,5 @@ def _rows(vessel: Vessel, ships_by_manoeuvre: dict, family: str, choice: str) ->
     for manoeuvre, ships in ships_by_manoeuvre.items():
         index = STANDARD[manoeuvre][0]
         band = index_row(ships, index, L, ci_prob=CI_PROB)
-        rows.append({"family": family, "choice": choice, **share_row(ships), "index": index.replace("_", " "), **band})
+        rows.append({"family": family, "choice": choice, **status_row(ships), "index": index.replace("_", " "), **band})
     return rows

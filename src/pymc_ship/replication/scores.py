@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.identifiability.bound import SHARES
+from pymc_ship.inference.identifiability.bound import ERROR_LIMITS
 from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.scores import BANDS
@@ -48,11 +48,11 @@ def coefficient_rows(vessel: Vessel, dof: str, exact: Mapping[str, ExactPosterio
 def error_summary(errors: np.ndarray) -> dict[str, float]:
     """Median error [%] and percentage of coefficients under each limit; NaN errors (zero references) do not count."""
     known = errors[np.isfinite(errors)]
-    names = [f"under_{limit:g}" for limit in SHARES]
+    names = [f"under_{limit:g}" for limit in ERROR_LIMITS]
     if not known.size:
         return {"coefficients": 0, "median": np.nan, **dict.fromkeys(names, np.nan)}
-    shares = [100.0 * float((known < limit).mean()) for limit in SHARES]
-    return {"coefficients": known.size, "median": float(np.median(known)), **dict(zip(names, shares, strict=True))}
+    percentages = [100.0 * float((known < limit).mean()) for limit in ERROR_LIMITS]
+    return {"coefficients": known.size, "median": float(np.median(known)), **dict(zip(names, percentages, strict=True))}
 
 
 def summary_rows(
@@ -96,8 +96,8 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
 
     ``truth`` holds the indices of the reference ship. Keys: ``error``, the RMSE of the median over the range of the
     channel [%], mean over the scored channels that move; ``coverage``, instants inside the band [%], mean likewise;
-    ``share_diverged`` and, NaN where unknown, ``share_extrapolated`` [%], with the sentence ``extrapolation``; for each
-    index its reference, median and band.
+    ``diverged`` and, NaN where unknown, ``extrapolated`` [%], with the sentence ``extrapolation``; for each index
+    its reference, median and band.
     """
     bands = tree["bands"].to_dataset()
     errors, coverages = [], []
@@ -113,8 +113,8 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
         "manoeuvre": tree.attrs["label"],
         "error": float(np.mean(errors)),
         "coverage": float(np.mean(coverages)),
-        "share_diverged": 100.0 * tree.attrs["share_diverged"],
-        "share_extrapolated": 100.0 * tree.attrs["share_extrapolated"],
+        "diverged": 100.0 * tree.attrs["diverged_fraction"],
+        "extrapolated": 100.0 * tree.attrs["extrapolated_fraction"],
         "extrapolation": tree.attrs["extrapolation"],
     }
     for index, values in tree["index_bands"].to_dataset().data_vars.items():

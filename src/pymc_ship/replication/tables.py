@@ -17,7 +17,7 @@ from pymc_ship.replication.scores import coefficient_rows, relative_error
 from pymc_ship.replication.study import MANOEUVRES, StudyResult
 from pymc_ship.trial.channels import default_channels
 
-ERROR_SHARES: Columns = {f"under_{k}": (f"< {k} %", fixed_point(0)) for k in (5, 20, 50)}
+ERROR_COUNTS: Columns = {f"under_{k}": (f"< {k} %", fixed_point(0)) for k in (5, 20, 50)}
 """Columns of an error summary: percentage of coefficients under each limit."""
 
 
@@ -69,7 +69,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
     """Formatted tables of the page, by name."""
     p, n = fixed_point(1), number(3)
     error_columns = heads(n, level="noise level") | heads(str, family="family", dof="DOF") | heads(n, median="median %")
-    error_columns |= ERROR_SHARES | heads(fixed_point(0), coverage="90 % intervals cover %")
+    error_columns |= ERROR_COUNTS | heads(fixed_point(0), coverage="90 % intervals cover %")
     return {
         "indices": _index_table(result),
         "denoising": table(
@@ -82,7 +82,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
             {
                 "method": ("method", str),
                 **{f"snr_{name}": (f"{name} [dB]", p) for name in default_channels()},
-                **{key: error_columns[key] for key in ("median", *ERROR_SHARES, "coverage")},
+                **{key: error_columns[key] for key in ("median", *ERROR_COUNTS, "coverage")},
             },
         ),
         "drawn_channels": table(
@@ -231,7 +231,7 @@ def agreement_blocks(result: StudyResult) -> list[dict]:
 def _forecast_table(result: StudyResult, name: str, wanted: Mapping[str, tuple[str, float]]) -> Table:
     rows = []
     columns = heads(number(3), level="noise level") | heads(str, family="family") | heads(number(3), error="error %")
-    columns |= heads(fixed_point(0), coverage="coverage %") | heads(fixed_point(1), share_diverged="diverged %")
+    columns |= heads(fixed_point(0), coverage="coverage %") | heads(fixed_point(1), diverged="diverged %")
     for row in result.tables[f"forecast_{name}"]:
         extra = {}
         for index, (_, unit) in wanted.items():

@@ -6,7 +6,7 @@ import pytest
 from pymc_ship.inference.identifiability.bound import cramer_rao_bound, errors_on_bound
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.replication.estimates import trajectory_modes
-from pymc_ship.replication.scores import SHARES
+from pymc_ship.replication.scores import ERROR_LIMITS
 from tests.physics.vessel.cases import TERMS
 
 SD = {"u": 0.04, "v": 0.02, "r": 4e-5, "p": 4e-5, "phi": 5e-4}
@@ -45,7 +45,7 @@ def errors_of(sd, repeats=4000):
     """Mean summary of the errors [%] of independent normal estimates, and its standard error."""
     rng = np.random.default_rng(4)
     errors = np.abs(sd * rng.standard_normal((repeats, sd.size)))
-    shares = np.array([100.0 * np.mean(errors < limit, axis=1) for limit in SHARES])
+    shares = np.array([100.0 * np.mean(errors < limit, axis=1) for limit in ERROR_LIMITS])
     return shares.mean(axis=1), shares.std(axis=1) / np.sqrt(repeats)
 
 
@@ -53,7 +53,7 @@ def errors_of(sd, repeats=4000):
 def test_expected_shares_are_those_of_normal_errors_of_that_size_and_of_no_other(wrong, fits):
     expected = errors_on_bound(SPREAD)
     shares, error = errors_of(wrong * SPREAD)
-    assert (np.abs(shares - [expected[f"under_{limit:g}"] for limit in SHARES]) < 4.0 * error).all() == fits
+    assert (np.abs(shares - [expected[f"under_{limit:g}"] for limit in ERROR_LIMITS]) < 4.0 * error).all() == fits
     assert expected["coefficients"] == SPREAD.size
 
 

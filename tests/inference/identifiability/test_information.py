@@ -131,13 +131,13 @@ def test_contraction_and_unknown_directions_with_a_prior(small, zigzag, sd):
     np.testing.assert_allclose(sharp["contraction"], 0.0, atol=1e-3)
     np.testing.assert_allclose(sharp["weight"].values @ sharp["weight"].values.T, np.eye(10), atol=1e-9)
     between = ps.identifiability(zigzag, small, normal(small, bound), noise_sd=sd)
-    share = between["share"].values
-    assert 0 < share.size < 10
-    assert np.all(share > UNKNOWN)
-    assert np.all(np.diff(share) <= 0.0)
+    ratio = between["variance_ratio"].values
+    assert 0 < ratio.size < 10
+    assert np.all(ratio > UNKNOWN)
+    assert np.all(np.diff(ratio) <= 0.0)
     F = fisher_information(zigzag, small, noise_sd=sd)
     w = between["weight"].values * bound
-    np.testing.assert_allclose(1.0 / (1.0 + np.sum(w @ F * w, axis=1)), share, rtol=1e-6)
+    np.testing.assert_allclose(1.0 / (1.0 + np.sum(w @ F * w, axis=1)), ratio, rtol=1e-6)
 
 
 def test_a_partly_flat_prior_counts_what_the_free_coefficients_leave(small, zigzag, sd):
@@ -159,7 +159,7 @@ def test_what_no_sensor_sees_has_no_bound(small):
     assert np.isinf(found["bound"].values[~excited]).all()
     assert np.isinf(found.attrs["condition_number"])
     assert found.attrs["n_determined"] == 2
-    np.testing.assert_allclose(found["share"], 1.0)
+    np.testing.assert_allclose(found["variance_ratio"], 1.0)
     typical = np.abs(reference_coefficients(small))
     known = ps.identifiability(start, small, normal(small, typical), noise_sd=sd)
     np.testing.assert_allclose(known["bayesian_bound"].values[~excited], typical[~excited])

@@ -138,7 +138,7 @@ class TestRestored:
             assert (rows[:, before + whole.coefficients.index(name)] == value).all()
         turn = ps.turning_circle(20.0)
         tree = posterior_forecast(container, {"yaw": yaw}, turn, draws=20, rng=2, duration=60.0)
-        assert tree.attrs["share_diverged"] == 0.0
+        assert tree.attrs["diverged_fraction"] == 0.0
         known = ps.simulate(container, turn, duration=60.0, step=0.02, record_interval=0.5)
         distance = np.abs(tree["bands"]["psi"].sel(band="median") - known["psi"]).max()
         assert distance < 0.05 * np.abs(known["psi"]).max()

@@ -223,13 +223,13 @@ def test_layout_is_that_of_the_normal_approximation(tmp_path, container):
             )
     assert set(tree.attrs) == set(laplace.attrs) - {"pareto_khat"}
     assert tree.attrs["method"] == "trajectory_nuts"
-    assert tree.attrs["share_diverged"] == 0.0
+    assert tree.attrs["diverged_fraction"] == 0.0
     assert {"diverging", "energy", "tree_depth", "n_steps", "lp"} <= set(tree["sample_stats"].data_vars)
     lp = tree["log_likelihood"]["response"].sum("row") + tree["log_prior"]["coefficients"]
     assert np.allclose(tree["sample_stats"]["lp"], lp, rtol=1e-10)
     assert read_posterior(write_posterior(tree, tmp_path / "nuts.nc"))["posterior"].identical(tree["posterior"])
     ships = posterior_forecast(container, tree, ps.zigzag(10, 10), draws=20, rng=2, duration=20.0)
-    assert ships.attrs["share_diverged"] == 0.0
+    assert ships.attrs["diverged_fraction"] == 0.0
 
 
 @pytest.mark.slow

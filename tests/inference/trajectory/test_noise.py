@@ -61,7 +61,7 @@ def choices(choose):
     return chosen | {name: choose(law, channels=HEADING) for name, law in (("heading", white), ("offsets", far_off))}
 
 
-def share_covered(fit, ship):
+def covered_fraction(fit, ship):
     draws = approximate_draws(fit, 1, 400, np.random.default_rng(0))[0][:, : fit.coefficients.size]
     low, high = np.quantile(draws, (0.05, 0.95), axis=0)
     reference = reference_coefficients(ship)
@@ -134,7 +134,7 @@ class TestChoice:
         assert choice.fit.chi2 == pytest.approx(1.0, abs=0.05)
         run = choice.fit.problem.runs[0]
         assert (choice.fit.problem.noise[0].sd > 3.0 * run.sample_sd / np.sqrt(run.block)).all()
-        assert share_covered(choice.fit, ship) > 0.75
+        assert covered_fraction(choice.fit, ship) > 0.75
 
     def test_runs_of_several_lengths(self, ship, zigzag):
         trials = [rough(zigzag, 0, heavy_tailed), rough(zigzag, 1, heavy_tailed).isel(time=slice(0, 700))]
@@ -256,7 +256,9 @@ class TestCoverage:
             trial = rough(zigzag, 100 + seed, law)
             problem = problem_of(ship, [trial])
             start = weak_form_start(trial, ship, problem.prior.mean, problem.prior.scale, method="rk4")
-            shares.append(share_covered(fit_with_noise(problem.runs, ship, problem.prior, start, **settings).fit, ship))
+            shares.append(
+                covered_fraction(fit_with_noise(problem.runs, ship, problem.prior, start, **settings).fit, ship)
+            )
         return np.mean(shares), np.std(shares) / np.sqrt(len(shares))
 
     def test_intervals_hold_under_white_noise_and_would_not_at_a_third_of_its_sd(self, ship, zigzag):
@@ -267,7 +269,7 @@ class TestCoverage:
             problem = problem_of(ship, [rough(zigzag, 100 + seed)])
             third = tuple(replace(noise, sd=noise.sd / 3.0) for noise in problem.noise)
             fit = fit_trajectory(replace(problem, noise=third), truth(ship, [zigzag]))
-            narrow.append(share_covered(fit, ship))
+            narrow.append(covered_fraction(fit, ship))
         assert np.mean(narrow) < 0.8
 
     def test_intervals_hold_under_correlated_noise_unless_it_is_ignored(self, ship, zigzag):

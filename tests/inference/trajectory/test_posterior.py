@@ -179,7 +179,7 @@ class TestTree:
         assert attrs["method"] == "trajectory"
         assert attrs["noise_model"] == "white"
         assert attrs["noise_sentence"].startswith("Fitted with white normal noise")
-        assert (attrs["starts"], attrs["starts_agreeing"], attrs["share_diverged"]) == (2, 2, 0.0)
+        assert (attrs["starts"], attrs["starts_agreeing"], attrs["diverged_fraction"]) == (2, 2, 0.0)
         assert attrs["chi2"] == pytest.approx(1.0, abs=0.1)
         assert np.isfinite(attrs["pareto_khat"])
         factors = json.loads(attrs["prior"])["factors"]
@@ -235,4 +235,4 @@ class TestTree:
         expected = ps.simulate(ship, ps.zigzag(10.0, 10.0), duration=60.0, record_interval=0.5)
         low, high = (forecast["bands"]["psi"].sel(band=name) for name in ("lower", "upper"))
         assert (high - low).max() < 0.1 * np.ptp(expected["psi"].values)
-        assert forecast.attrs["share_diverged"] == 0.0
+        assert forecast.attrs["diverged_fraction"] == 0.0

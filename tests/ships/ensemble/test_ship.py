@@ -111,8 +111,8 @@ class TestOneForecastForAll:
         rows = np.tile(reference_coefficients(tanker()), (10, 1))
         rows[3, coefficient_names(tanker()).index("Ngsincos")] *= 30.0
         known, unknown = (ps.forecast(ship_of((tanker(), rows), index_error=law), ZIGZAG, rng=1) for law in ({}, None))
-        assert (known.attrs["draws"], known.attrs["share_refused"]) == (9, pytest.approx(0.1))
-        assert (unknown.attrs["draws"], unknown.attrs["share_refused"]) == (10, 0.0)
+        assert (known.attrs["draws"], known.attrs["infeasible_fraction"]) == (9, pytest.approx(0.1))
+        assert (unknown.attrs["draws"], unknown.attrs["infeasible_fraction"]) == (10, 0.0)
 
 
 class TestRepr:

@@ -43,7 +43,7 @@ def shares(result):
     """Extremes of one draw with the attrs that a sentence needs."""
     outside = result["outside"].values
     distance = float(np.median(result["distance"].values[outside])) if outside.any() else 0.0
-    return result.assign_attrs(share_extrapolated=float(outside.mean()), median_distance=distance)
+    return result.assign_attrs(extrapolated_fraction=float(outside.mean()), median_distance=distance)
 
 
 def in_hull(points, rows):

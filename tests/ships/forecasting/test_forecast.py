@@ -7,7 +7,7 @@ from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.draws import fitted_motion, sensor_noise
 from pymc_ship.ships.ensemble.scores import BANDS, quantiles
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
-from pymc_ship.ships.forecasting.forecast import draws_and_shares, has_roll, pooled_forecast
+from pymc_ship.ships.forecasting.forecast import draws_text, has_roll, pooled_forecast
 from pymc_ship.trial.channels import SIMULATED
 from tests.inference.trajectory.cases import unmodelled_roll_text
 from tests.ships.ensemble.cases import posterior_forecast
@@ -43,7 +43,7 @@ def test_certainty_about_the_reference_forecasts_the_reference_ship(container, m
             np.testing.assert_allclose(tree["bands"][name].sel(band=band), ship[name], **SAME)
         for name in expected.data_vars:
             np.testing.assert_allclose(tree["index_bands"][name].sel(band=band), expected[name], **SAME)
-    assert tree.attrs["share_diverged"] == 0.0
+    assert tree.attrs["diverged_fraction"] == 0.0
 
 
 def test_every_instant_of_every_channel_has_the_requested_band(fan):
@@ -89,7 +89,7 @@ def test_diverged_draws_are_counted_and_bands_are_of_the_others(container):
     posteriors = {"surge": posterior(reference["coefficient"].values, draws)}
     tree = posterior_forecast(container, posteriors, ZIGZAG, draws=10, rng=np.random.default_rng(4), duration=200.0)
     ships = tree["trajectories"].to_dataset()
-    assert tree.attrs["share_diverged"] == 0.3
+    assert tree.attrs["diverged_fraction"] == 0.3
     assert int(ships["diverged"].sum()) == 3
     assert int(np.isnan(ships["u"].isel(time=-1)).sum()) == 3
     expected = np.nanquantile(ships["u"], [0.05, 0.5, 0.95], axis=0)
@@ -195,14 +195,14 @@ def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(con
         posterior_forecast(container, tree, manoeuvre, draws=60, rng=np.random.default_rng(25), duration=300.0)
         for manoeuvre in (ps.turning_circle(35.0), gentle)
     )
-    assert turn.attrs["share_extrapolated"] > 0.9
-    assert zigzag.attrs["share_extrapolated"] < 0.3
+    assert turn.attrs["extrapolated_fraction"] > 0.9
+    assert zigzag.attrs["extrapolated_fraction"] < 0.3
     assert float(turn["extrapolation"]["distance"].max()) > 2.0
     assert float(zigzag["extrapolation"]["distance"].max()) < 0.01
     assert "speed falls to" in turn.attrs["extrapolation"]
     assert "speed falls to" not in zigzag.attrs["extrapolation"]
-    assert draws_and_shares(turn).startswith("60 draws, 0 % diverged, 9")
-    assert turn["extrapolation"]["share_outside"].dims == ("time",)
+    assert draws_text(turn).startswith("60 draws, 0 % diverged, 9")
+    assert turn["extrapolation"]["outside_fraction"].dims == ("time",)
     assert turn["extrapolation"]["above"].dims == ("symbol",)
 
 
@@ -214,14 +214,14 @@ def test_the_fraction_outside_counts_draws_that_have_not_diverged(container, zig
     ships = result["trajectories"].to_dataset()
     each = extrapolation(container, ships, fitted_motion(tree))
     running = ships["u"].notnull()
-    assert result.attrs["share_diverged"] == 0.3
+    assert result.attrs["diverged_fraction"] == 0.3
     assert int(running.isel(time=-1).sum()) == 7
     over_time = result["extrapolation"].to_dataset()
-    np.testing.assert_allclose(over_time["share_outside"], each["outside"].where(running).mean("draw"))
+    np.testing.assert_allclose(over_time["outside_fraction"], each["outside"].where(running).mean("draw"))
     np.testing.assert_allclose(over_time["distance"], each["distance"].median("draw"))
     np.testing.assert_allclose(over_time["highest"], each["highest"].median("draw"))
-    assert result.attrs["share_extrapolated"] == pytest.approx(float(each["outside"].where(running).mean()))
-    assert 0.02 < result.attrs["share_extrapolated"] < 0.9
+    assert result.attrs["extrapolated_fraction"] == pytest.approx(float(each["outside"].where(running).mean()))
+    assert 0.02 < result.attrs["extrapolated_fraction"] < 0.9
     assert 0.0 < float(over_time.attrs["median_distance"]) == each["distance"].where(each["outside"]).median()
 
 
@@ -235,13 +235,13 @@ def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_t
         assert fitted_motion(posteriors) is None
         result = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
         assert "extrapolation" not in result.children
-        assert np.isnan(result.attrs["share_extrapolated"])
+        assert np.isnan(result.attrs["extrapolated_fraction"])
         assert result.attrs["extrapolation"].startswith("Extrapolation is not assessed: ")
-        assert draws_and_shares(result) == "4 draws, 0 % diverged"
+        assert draws_text(result) == "4 draws, 0 % diverged"
     for posteriors in (fitted, {"sway": fitted, "yaw": fitted}):
         xr.testing.assert_identical(fitted_motion(posteriors), fitted["constant_data"]["motion"])
         result = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
-        assert np.isfinite(result.attrs["share_extrapolated"])
+        assert np.isfinite(result.attrs["extrapolated_fraction"])
 
 
 class TestShipsThatRollAndShipsThatDoNot:

@@ -47,7 +47,7 @@ def forecasts():
     }
     runs["turning circle 35 port"].attrs |= {
         "extrapolation": "60 % of the instants lie outside.",
-        "share_diverged": 0.25,
+        "diverged_fraction": 0.25,
     }
     return runs
 

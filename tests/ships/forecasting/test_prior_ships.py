@@ -53,8 +53,10 @@ def test_each_draw_has_the_status_of_its_coefficients(container, manoeuvre):
     assert ended["course_unstable"].values.tolist() == [False, False, True, False]
     assert ended["diverged"].values.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(ended["growth_rate"] > 0.0, ended["course_unstable"])
-    shares = {name: result.attrs[f"share_{name}"] for name in ("diverged", "wrong_way", "course_unstable", "complete")}
-    assert shares == dict.fromkeys(shares, 0.25)
+    outcomes = {
+        name: result.attrs[f"{name}_fraction"] for name in ("diverged", "wrong_way", "course_unstable", "complete")
+    }
+    assert outcomes == dict.fromkeys(outcomes, 0.25)
     assert result.attrs["summary"] == (
         f"Of 4 draws of the prior in a {manoeuvre.label}: 25 % diverge, 25 % turn the wrong way, 25 % are "
         "course-unstable; 25 % do none of this."

@@ -56,7 +56,7 @@ def test_manoeuvres_without_a_run_are_named_with_their_extrapolation():
         *(label for label in forecasts() if label not in ("zigzag 10/10 port", "zigzag 20/20 starboard")),
         "stopping test",
     ]
-    circle = forecasts()["turning circle 35 port"].attrs["share_extrapolated"]
+    circle = forecasts()["turning circle 35 port"].attrs["extrapolated_fraction"]
     assert f"turning circle 35 port ({100.0 * circle:.3g} % extrapolated)" in named
 
 

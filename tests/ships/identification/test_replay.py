@@ -36,7 +36,7 @@ def test_a_ship_replays_her_own_run(tanker, trial):
         size = np.ptp(trial[name].values)
         median = tree["bands"][name].sel(band="median").values
         assert np.abs(median - trial[name].values).max() < 0.02 * size, name
-    assert tree.attrs["share_diverged"] == 0.0
+    assert tree.attrs["diverged_fraction"] == 0.0
 
 
 def test_a_replay_begins_anywhere_in_the_record(tanker, trial):

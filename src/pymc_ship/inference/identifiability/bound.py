@@ -14,7 +14,7 @@ from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import trial_list
 
-SHARES = (5.0, 20.0, 50.0)  # error limits [%] of the counts of coefficients
+ERROR_LIMITS = (5.0, 20.0, 50.0)  # error limits [%] of the counts of coefficients
 
 
 def cramer_rao_bound(
@@ -52,5 +52,5 @@ def errors_on_bound(relative_bound: np.ndarray) -> dict[str, float]:
     most = 10.0 * np.max(bounds, initial=0.0, where=np.isfinite(bounds))
     half = most and probability(most) > 0.5
     median = brentq(lambda error: probability(error) - 0.5, 0.0, most) if half else float("inf")
-    counts = {f"under_{limit:g}": 100.0 * probability(limit) for limit in SHARES}
+    counts = {f"under_{limit:g}": 100.0 * probability(limit) for limit in ERROR_LIMITS}
     return {"coefficients": bounds.size, "median": median, **counts}

@@ -55,8 +55,8 @@ def identifiability(
         coefficient; ``relative_bound`` [% of the reference; NaN if that is 0]. With the prior: ``prior_sd``,
         ``bayesian_bound`` (van Trees), ``contraction`` (1 - posterior over prior variance). ``weight`` (direction,
         coefficient): unidentified directions, unit vectors in prior sd (for a flat prior, in inverse norms of the
-        sensitivities), the least known first; ``share`` (direction): posterior over prior variance, above one half.
-        Attrs: ``n_determined`` directions, and ``condition_number`` of the sensitivities scaled to unit norm.
+        sensitivities), the least known first; ``variance_ratio`` (direction): posterior over prior variance, above
+        one half. Attrs: ``n_determined`` directions, and ``condition_number`` of the sensitivities scaled to unit norm.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def identifiability(
     singular = root.shape[0] < root.shape[1] or s[-1] <= _SMALLEST * s[0]
     return xr.Dataset(
         {name: ("coefficient", values) for name, values in columns.items()}
-        | {"weight": (("direction", "coefficient"), weight), "share": ("direction", variance_ratio)},
+        | {"weight": (("direction", "coefficient"), weight), "variance_ratio": ("direction", variance_ratio)},
         {"coefficient": coefficient_names(vessel)},
         {
             "vessel": vessel.name,

@@ -59,10 +59,13 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     return coefficients_from_fit(0.0, pm.math.sqrt(variance), given), sigma2
 
 
-def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: float = 2.0, share: float = 0.5) -> tuple:
+def r2d2(
+    data: RegressionData, given: dict, *, mean: float = 0.5, precision: float = 2.0, concentration: float = 0.5
+) -> tuple:
     """R2-D2: a beta prior of the coefficient of determination.
 
-    R2 ~ Beta(mean precision, (1 - mean) precision), phi ~ Dirichlet(share, ...), b_j ~ N(0, sigma2 phi_j R2/(1 - R2)).
+    R2 ~ Beta(mean precision, (1 - mean) precision), phi ~ Dirichlet(concentration, ...),
+    b_j ~ N(0, sigma2 phi_j R2/(1 - R2)).
 
     Parameters
     ----------
@@ -71,8 +74,8 @@ def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: flo
         Keyword arguments of the variable of the coefficients.
     mean, precision : float, optional
         Of R2.
-    share : float, optional
-        Concentration of the Dirichlet; below 1 few coefficients have most of R2.
+    concentration : float, optional
+        Of the Dirichlet distribution; below 1 few coefficients have most of R2.
 
     Returns
     -------
@@ -85,6 +88,6 @@ def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: flo
     """
     sigma2 = pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)
     explained = pm.Beta("r2", mean * precision, (1.0 - mean) * precision)
-    shares = pm.Dirichlet("share", np.full(data.n_terms, share), dims="coefficient")
-    variance = sigma2 * shares * explained / (1.0 - explained)
+    phi = pm.Dirichlet("phi", np.full(data.n_terms, concentration), dims="coefficient")
+    variance = sigma2 * phi * explained / (1.0 - explained)
     return coefficients_from_fit(0.0, pm.math.sqrt(variance), given), sigma2

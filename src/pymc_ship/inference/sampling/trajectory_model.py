@@ -216,8 +216,8 @@ def mode_nuts_posterior(
     along, of_factors = np.split(coordinates.to_numpy().reshape(chains * draws, -1), [fit.unknowns.size], axis=1)
     flat, eta = fit.unknowns + along @ fit.square_root.T, fit.problem.current_scales.eta + FACTOR_SD * of_factors
     log_likelihood, log_prior = log_likelihood_rows(fit, flat), log_prior_density(fit, flat, np.median(eta, axis=0))
-    fraction_diverged = float(np.mean(~np.isfinite(log_likelihood).all(axis=1)))
-    attrs = {"verdict": verdict, "share_diverged": fraction_diverged, "rng_state": state}
+    diverged_fraction = float(np.mean(~np.isfinite(log_likelihood).all(axis=1)))
+    attrs = {"verdict": verdict, "diverged_fraction": diverged_fraction, "rng_state": state}
     by_chain = (values.reshape(chains, draws, *values.shape[1:]) for values in (flat, eta, log_likelihood, log_prior))
     groups = {"sample_stats": statistics}
     return trajectory_tree(mode, *by_chain, method="trajectory_nuts", attrs=attrs, groups=groups)

@@ -117,7 +117,7 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
             "The normal approximation needs a draw that does not diverge, found none; give a narrower prior."
         )
     khat = pareto_khat((log_likelihood.sum(axis=1) - linear)[finite])
-    attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~finite))}
+    attrs = {"pareto_khat": khat, "verdict": verdict(khat), "diverged_fraction": float(np.mean(~finite))}
     parts = unknowns, eta, log_likelihood, log_prior_density(fit, unknowns, np.median(eta, axis=0))
     by_chain = (values.reshape(chains, draws // chains, *values.shape[1:]) for values in parts)
     return trajectory_tree(mode, *by_chain, method="trajectory", attrs=attrs | {"rng_state": state})

@@ -81,10 +81,10 @@ def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -
 def sentence(vessel: Vessel, summary: xr.Dataset) -> str:
     """Sentence: which part of a forecast is outside the record, how far, and in which quantities.
 
-    ``summary`` has variables over symbol of :func:`extrapolation` and attrs ``share_extrapolated`` and
+    ``summary`` has variables over symbol of :func:`extrapolation` and attrs ``extrapolated_fraction`` and
     ``median_distance``.
     """
-    fraction = summary.attrs["share_extrapolated"]
+    fraction = summary.attrs["extrapolated_fraction"]
     if fraction == 0.0:
         return "Every instant lies inside the motion of the record."
     sides = ("below", "lowest", "trained_lowest"), ("above", "highest", "trained_highest")

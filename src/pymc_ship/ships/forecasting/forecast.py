@@ -73,9 +73,9 @@ def forecast(
         a manoeuvre that has indices, ``indices`` (dims draw) and ``index_bands`` (dims band). Bands are quantiles of
         the draws that have not diverged; ``measured_bands`` add the sensor noise where it is known. For a ship with
         model error, ``indices`` and their bands include it, and infeasible draws are left out. ``extrapolation``, where
-        the motion of the runs is known: ``share_outside`` and median ``distance`` over time, medians of
-        :func:`.extrapolation` over symbol. Attrs: ``share_diverged``, ``share_refused`` (infeasible),
-        ``share_extrapolated`` (NaN where unknown), and the sentences ``extrapolation`` and ``steering``.
+        the motion of the runs is known: ``outside_fraction`` and median ``distance`` over time, medians of
+        :func:`.extrapolation` over symbol. Attrs: ``diverged_fraction``, ``infeasible_fraction`` (infeasible),
+        ``extrapolated_fraction`` (NaN where unknown), and the sentences ``extrapolation`` and ``steering``.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def forecast(
     >>> turn = ps.forecast(ship, ps.turning_circle(35), duration=900, ci_prob=0.9, rng=rng)
     >>> lower, median, upper = turn["index_bands"]["tactical_diameter"].values
     >>> truth = ps.indices(ps.simulate(vessel, ps.turning_circle(35), duration=900, step=0.5))["tactical_diameter"]
-    >>> turn.attrs["share_diverged"], bool(lower < truth < upper)
+    >>> turn.attrs["diverged_fraction"], bool(lower < truth < upper)
     (0.0, True)
     """
     rng, ship, manoeuvre = random_generator(rng), as_ship(ship), one_manoeuvre(manoeuvre)
@@ -128,7 +128,7 @@ def forecast(
     sentences += [order_sentence(tree.attrs["rudder_delay"], approach)] if manoeuvre.traits.indices else []
     sentences += [f"The approach is at {approach:.4g} m/s."] if facility is not None else []
     tree.attrs["steering"] = " ".join(sentences)
-    tree.attrs["share_refused"] = 1.0 - tree.attrs["draws"] / sum(len(rows) for _, rows in drawn)
+    tree.attrs["infeasible_fraction"] = 1.0 - tree.attrs["draws"] / sum(len(rows) for _, rows in drawn)
     return tree
 
 
@@ -212,11 +212,15 @@ def pooled_forecast(
             index_draws = with_model_error(index_draws, errors, vessel, rng, beyond=beyond, growth=growth(beyond))
         groups |= {"indices": index_draws, "index_bands": quantile_bands(index_draws, ci_prob)}
     attrs = ships.attrs | {"label": manoeuvre.label, "draws": ships.sizes["draw"], "ci_prob": ci_prob, "ci_kind": "eti"}
-    attrs |= {"share_diverged": float(ships["diverged"].mean()), "share_extrapolated": np.nan, "extrapolation": UNKNOWN}
+    attrs |= {
+        "diverged_fraction": float(ships["diverged"].mean()),
+        "extrapolated_fraction": np.nan,
+        "extrapolation": UNKNOWN,
+    }
     attrs |= reliability(beyond) if errors is not None else {}
     if departures is not None:
         groups["extrapolation"] = departures
-        attrs["share_extrapolated"] = departures.attrs["share_extrapolated"]
+        attrs["extrapolated_fraction"] = departures.attrs["extrapolated_fraction"]
         attrs["extrapolation"] = sentence(vessel, departures)
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
 
@@ -234,7 +238,7 @@ def has_roll(tree: xr.DataTree) -> bool:
     return "roll" in tree.attrs["dofs"].split()
 
 
-def draws_and_shares(tree: xr.DataTree) -> str:
+def draws_text(tree: xr.DataTree) -> str:
     """Text on the draws: number of draws, percentage diverged and, where known, extrapolated."""
     diverged, extrapolated = (tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
     text = f"{tree.attrs['draws']} draws, {100.0 * diverged:.3g} % diverged"
@@ -257,8 +261,8 @@ def _summarise_extrapolation(departures: xr.Dataset) -> xr.Dataset:
     count = np.isfinite(distance).sum(axis=0)
     fraction = np.where(count > 0, outside.sum(axis=0) / np.maximum(count, 1), np.nan)
     median_distance = ("time", quantiles(distance, [0.5])[0], departures["distance"].attrs)
-    over_time = {"share_outside": ("time", fraction), "distance": median_distance}
+    over_time = {"outside_fraction": ("time", fraction), "distance": median_distance}
     over_symbol = departures.drop_dims("time").median("draw", keep_attrs=True)
     beyond = float(np.median(distance[outside])) if outside.any() else 0.0
-    attrs = {"share_extrapolated": float(outside.sum() / count.sum()), "median_distance": beyond}
+    attrs = {"extrapolated_fraction": float(outside.sum() / count.sum()), "median_distance": beyond}
     return over_symbol.assign(over_time).assign_coords(time=departures["time"]).assign_attrs(attrs)

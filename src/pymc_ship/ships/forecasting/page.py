@@ -206,7 +206,7 @@ def _missed(row: Mapping) -> str:
 
 def _outside(tree: xr.DataTree) -> str:
     """Text: percentage of the instants outside the motion of the runs."""
-    fraction = tree.attrs["share_extrapolated"]
+    fraction = tree.attrs["extrapolated_fraction"]
     return f"{percentage_outside(fraction)} extrapolated" if np.isfinite(fraction) else "extrapolation not assessed"
 
 
@@ -250,7 +250,7 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
 
 def refused_sentence(tree: xr.DataTree) -> str:
     """Sentence on the draws that diverge in a manoeuvre; empty where none does."""
-    fraction = tree.attrs["share_refused"]
+    fraction = tree.attrs["infeasible_fraction"]
     label = tree.attrs["label"]
     return f"{rounded_percent(fraction)} of the draws diverge in the {label} and are left out." if fraction else ""
 
@@ -287,7 +287,7 @@ def verdict_rows(name: str, tree: xr.DataTree, vessel: Vessel, measured: xr.Data
             row["verdict"] += (
                 f" Measured {n(value)} {row['units']}, outside the interval: the probability is too certain."
             )
-        rows.append({"manoeuvre": name, **row, "extrapolated": tree.attrs["share_extrapolated"]})
+        rows.append({"manoeuvre": name, **row, "extrapolated": tree.attrs["extrapolated_fraction"]})
     return rows
 
 
@@ -349,7 +349,7 @@ def _section(slug: str, name: str, tree: xr.DataTree, rows: list[dict], verdicts
         "id": slug,
         "name": _capital(name),
         "definitions": _DEFINITIONS if kind.circles else "",
-        "shares": f"{tree.attrs['draws']} draws, {100.0 * tree.attrs['share_diverged']:.3g} % diverged",
+        "draws": f"{tree.attrs['draws']} draws, {100.0 * tree.attrs['diverged_fraction']:.3g} % diverged",
         "speed": f"{tree.attrs['approach_speed']:.4g}",
         "extrapolation": tree.attrs["extrapolation"],
         "verdicts": [_capital(sentence) for sentence in verdicts],

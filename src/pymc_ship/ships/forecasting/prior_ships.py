@@ -25,7 +25,7 @@ from pymc_ship.ships.forecasting.forecast import pooled_forecast
 
 # Status of a draw, the first that is true (wrong way: first turns against the rudder), and name of its attr share_...
 STATUSES = ("diverged", "wrong way", "course-unstable", "complete")
-SHARES = ("diverged", "wrong_way", "course_unstable", "complete")
+OUTCOMES = ("diverged", "wrong_way", "course_unstable", "complete")
 STANDARD = {  # manoeuvres of a prior predictive check, and their indices that IMO MSC.137(76) limits
     zigzag(10, 10): ("first_overshoot_angle", "second_overshoot_angle"),
     turning_circle(35): ("advance", "tactical_diameter"),
@@ -66,8 +66,8 @@ def prior_ships(
         ``status``, one of :data:`STATUSES`; ``diverged`` and ``diverged_at`` [s]; ``wrong_way``: the heading first
         changed by 10 deg (or the smaller switching heading) against the rudder; ``course_unstable`` and
         ``growth_rate`` [U/L], the largest real part of the eigenvalues of linear sway, yaw and roll; the indices of
-        the manoeuvre; ``coefficients`` (draw, coefficient). Attrs: ``share_...`` of each of :data:`SHARES` (a draw may
-        count in several), ``fixed_dofs`` (at their reference values) and ``summary``, a sentence.
+        the manoeuvre; ``coefficients`` (draw, coefficient). Attrs: ``..._fraction`` of each of :data:`OUTCOMES` (a draw
+        may count in several), ``fixed_dofs`` (at their reference values) and ``summary``, a sentence.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def simulate_draws(
     tree = pooled_forecast([(vessel, rows)], manoeuvre, rng=rng, **settings)
     ships = tree["trajectories"].to_dataset()
     growth = growth_rates(vessel, rows, ships.attrs["approach_speed"])
-    flags = dict(zip(SHARES, (ships["diverged"].values, _wrong_way(ships, manoeuvre), growth > 0.0), strict=False))
+    flags = dict(zip(OUTCOMES, (ships["diverged"].values, _wrong_way(ships, manoeuvre), growth > 0.0), strict=False))
     status = np.select(list(flags.values()), STATUSES[:-1], STATUSES[-1])
     variables = tree["indices"].to_dataset() if "indices" in tree.children else xr.Dataset()
     variables = variables.assign(
@@ -116,16 +116,16 @@ def simulate_draws(
             "coefficients": (("draw", "coefficient"), rows),
         }
     )
-    shares = {f"share_{name}": float(np.mean(mask)) for name, mask in flags.items()}
-    shares["share_complete"] = float(np.mean(status == STATUSES[-1]))
-    attrs = {**ships.attrs, "label": manoeuvre.label, "draws": len(rows), **shares}
+    fractions = {f"{name}_fraction": float(np.mean(mask)) for name, mask in flags.items()}
+    fractions["complete_fraction"] = float(np.mean(status == STATUSES[-1]))
+    attrs = {**ships.attrs, "label": manoeuvre.label, "draws": len(rows), **fractions}
     return variables.assign_coords(draw=ships["draw"], coefficient=coefficient_names(vessel)).assign_attrs(attrs)
 
 
-def share_row(ships: xr.Dataset) -> dict:
-    """Row of a table: ``manoeuvre``, number of ``ships`` and percentage in each of :data:`SHARES`."""
-    shares = {name: 100.0 * ships.attrs[f"share_{name}"] for name in SHARES}
-    return {"manoeuvre": ships.attrs["label"], "ships": ships.attrs["draws"], **shares}
+def status_row(ships: xr.Dataset) -> dict:
+    """Row of a table: ``manoeuvre``, number of ``ships`` and percentage in each of :data:`OUTCOMES`."""
+    fractions = {name: 100.0 * ships.attrs[f"{name}_fraction"] for name in OUTCOMES}
+    return {"manoeuvre": ships.attrs["label"], "ships": ships.attrs["draws"], **fractions}
 
 
 def index_row(ships: xr.Dataset, index: str, L: float, *, ci_prob: float) -> dict:
@@ -199,8 +199,8 @@ def _wrong_way(ships: xr.Dataset, manoeuvre: Manoeuvre) -> np.ndarray:
 
 
 def _summary(attrs: Mapping) -> str:
-    """Sentence on the shares."""
-    diverged, wrong, unstable, complete = (f"{100.0 * attrs[f'share_{name}']:.3g} %" for name in SHARES)
+    """Sentence on the percentages."""
+    diverged, wrong, unstable, complete = (f"{100.0 * attrs[f'{name}_fraction']:.3g} %" for name in OUTCOMES)
     fixed = f", {', '.join(attrs['fixed_dofs'].split())} at reference values" if attrs["fixed_dofs"] else ""
     return (
         f"Of {attrs['draws']} draws of the prior in a {attrs['label']}{fixed}: {diverged} diverge, {wrong} turn the "

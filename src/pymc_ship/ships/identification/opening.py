@@ -77,7 +77,7 @@ def _missed(row: Mapping) -> str:
 
 
 def _outside(tree: xr.DataTree) -> str:
-    fraction = tree.attrs["share_extrapolated"]
+    fraction = tree.attrs["extrapolated_fraction"]
     if not np.isfinite(fraction):
         return "extrapolation not assessed"
     return f"{percentage_outside(fraction)} extrapolated" if fraction else "inside the motion of the runs"
@@ -101,7 +101,7 @@ def opening_sentences(
             return f"{index} unknown"
         label, row = max(of_side.items(), key=lambda pair: pair[1]["median"])
         n = fixed_point(1 if row["units"] == "deg" else 2)
-        beyond = " extrapolated" if forecasts[label].attrs["share_extrapolated"] > 0.0 else ""
+        beyond = " extrapolated" if forecasts[label].attrs["extrapolated_fraction"] > 0.0 else ""
         return f"{index} {n(row['median'])} {row['units']} ({n(row['lower'])} to {n(row['upper'])}{beyond})"
 
     sentences = [

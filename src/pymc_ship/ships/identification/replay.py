@@ -62,7 +62,7 @@ def replay(
     -------
     DataTree
         ``trajectories`` (dims draw, time), ``predictive``, the same with model error, ``bands`` (dims band, time) of
-        ``predictive``, and ``measured`` (dims time). Diverged draws are NaN; ``share_diverged`` in attrs.
+        ``predictive``, and ``measured`` (dims time). Diverged draws are NaN; ``diverged_fraction`` in attrs.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def replay(
         predictive = motion(with_motion_error(states, lead, ship.motion_error, ship.vessel, beyond, growth))
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
-    attrs["share_diverged"] = float(np.isnan(states[0, :, -1]).mean())
+    attrs["diverged_fraction"] = float(np.isnan(states[0, :, -1]).mean())
     groups = {"trajectories": ships, "predictive": predictive, "measured": measured}
     groups["bands"] = quantile_bands(predictive, ci_prob)
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
