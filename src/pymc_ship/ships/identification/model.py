@@ -181,55 +181,72 @@ def identify_ship(
     contradictions = contradicting_runs(by_name, vessel.particulars.L)
     progress(f"term sets {'; '.join(term_set_names)}: fits to all of {len(trials)} runs and to all but one")
     with _with_contradictions(contradictions):
-        candidates, refusals = fit_candidates(term_set_names, training, rng, progress)
-        fullest_vessel = most_dofs(candidate.vessel for candidate in candidates)
-        remarks = [
-            *mirror_remarks(by_name),
-            *repeated_runs(by_name),
-            *contradictions,
-            *vessel_remarks(fullest_vessel),
-            *(refusal.sentence for refusal in refusals),
-            *partial_run_remarks(names, training, candidates),
-        ]
+        fitted, refusals = fit_candidates(term_set_names, training, rng, progress)
         progress("weights and model error from held-out runs")
-        candidates = _with_weights(candidates, training.earlier, rng)
-        noise = _index_noise(training, rng)
-        rows = _held_out_indices(candidates, training, names, noise, rng) if len(trials) > 1 else []
-        all_rows = [*(index_rows(before.held_out_indices) if before else ()), *rows]
-        errors = model_error(all_rows)
-        earlier_harder = index_rows(before.harder_indices) if before else ()
-        harder_rows = [*earlier_harder, *_harder_indices(candidates, training, names, noise, rng)]
-        remarks += unscored_run_remarks(by_name, training.manoeuvres, fullest_vessel)
-        remarks += [] if all_rows else [_NOTHING_HELD_OUT]
+        fitted = _with_weights(fitted, training.earlier, rng)
+        rows, harder_rows = _validation_rows(fitted, training, names, rng)
         progress("feasible draws")
-        candidates = sorted(_draw_feasible(candidates, draws, rng), key=lambda candidate: -candidate.weight)
-        remarks += [] if captive is None else _captive_remarks(captive, candidates[0])
-        remarks += [earlier_runs_remark(candidates[0], training)] if training.earlier else []
-        new_motion_error = motion_error(_held_out_motion(candidates, training, rng), vessel)
-    earlier_facilities = before.facilities if before else {}
-    ship = Ship(
-        members=tuple(candidate.member(training.earlier) for candidate in candidates),
-        motion=_motion(training, fullest_vessel, before),
-        index_error=errors,
-        motion_error=before.motion_error if before and training.earlier and len(trials) == 1 else new_motion_error,
-        extrapolation_growth=extrapolation_growth(harder_rows, errors),
-        facilities=training.facilities | {k: v for k, v in earlier_facilities.items() if k not in training.facilities},
-        remarks=tuple(remarks),
-        prior=training.prior,
-        held_out_indices=index_table(all_rows),
-        harder_indices=index_table(harder_rows),
-        uses_captive_tests=captive is not None or (before is not None and before.uses_captive_tests),
-    )
+        candidates = sorted(_draw_feasible(fitted, draws, rng), key=lambda candidate: -candidate.weight)
+        motion_sizes = motion_error(_held_out_motion(candidates, training, rng), vessel)
+    ship = _ship(candidates, training, before, (rows, harder_rows), motion_sizes)
+    fullest_vessel = most_dofs(candidate.vessel for candidate in fitted)
+    remarks = [
+        *mirror_remarks(by_name),
+        *repeated_runs(by_name),
+        *contradictions,
+        *vessel_remarks(fullest_vessel),
+        *(refusal.sentence for refusal in refusals),
+        *partial_run_remarks(names, training, fitted),
+        *unscored_run_remarks(by_name, training.manoeuvres, fullest_vessel),
+        *([] if ship.held_out_indices.sizes["run"] else [_NOTHING_HELD_OUT]),
+        *([] if captive is None else _captive_remarks(captive, candidates[0])),
+        *([earlier_runs_remark(candidates[0], training)] if training.earlier else []),
+    ]
     return ShipIdentification(
-        ship=ship,
+        ship=replace(ship, remarks=tuple(remarks)),
         vessel=training.vessel,
         names=names,
         manoeuvres=tuple(training.manoeuvres),
         candidates=tuple(candidates),
         refusals=tuple(refusals),
-        held_out_indices=index_table([row | {"sd": index_sd(row, errors)} for row in rows]),
+        held_out_indices=index_table([row | {"sd": index_sd(row, ship.index_error)} for row in rows]),
         quality_flags=quality_flags(trials, names),
         captive=captive,
+    )
+
+
+def _ship(
+    candidates: Sequence[Candidate],
+    training: Training,
+    before: Ship | None,
+    rows: tuple[Sequence[dict], Sequence[dict]],
+    motion_sizes: dict[str, np.ndarray],
+) -> Ship:
+    """Ship of the candidates' draws, with the errors that earlier runs and these show.
+
+    ``rows`` are those of :func:`_validation_rows`, ``motion_sizes`` of :func:`.motion_error`, both of these runs alone.
+    """
+    held_out, harder = rows
+    facilities, uses_captive_tests = dict(training.facilities), training.captive is not None
+    if before is not None:
+        held_out = [*index_rows(before.held_out_indices), *held_out]
+        harder = [*index_rows(before.harder_indices), *harder]
+        facilities |= {name: gear for name, gear in before.facilities.items() if name not in facilities}
+        uses_captive_tests |= before.uses_captive_tests
+        if training.earlier and len(training.trials) == 1:  # which is not held out
+            motion_sizes = before.motion_error
+    errors = model_error(held_out)
+    return Ship(
+        members=tuple(candidate.member(training.earlier) for candidate in candidates),
+        motion=_motion(training, most_dofs(candidate.vessel for candidate in candidates), before),
+        index_error=errors,
+        motion_error=motion_sizes,
+        extrapolation_growth=extrapolation_growth(harder, errors),
+        facilities=facilities,
+        prior=training.prior,
+        held_out_indices=index_table(held_out),
+        harder_indices=index_table(harder),
+        uses_captive_tests=uses_captive_tests,
     )
 
 
@@ -324,6 +341,15 @@ def _index_noise(training: Training, rng: np.random.Generator) -> list[dict[str,
         delay = with_steering(training.vessel, training.facilities[facility_of(trial)]).particulars.rudder_delay
         noise.append({} if manoeuvre is None else index_noise_sd(trial, manoeuvre, delay, rng))
     return noise
+
+
+def _validation_rows(
+    candidates: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
+) -> tuple[list[dict], list[dict]]:
+    """Indices of held-out runs by the fits to the others, and of the harder runs by those to the milder ones."""
+    noise = _index_noise(training, rng)
+    rows = _held_out_indices(candidates, training, names, noise, rng) if len(names) > 1 else []
+    return rows, _harder_indices(candidates, training, names, noise, rng)
 
 
 def _held_out_indices(
