@@ -134,8 +134,10 @@ def fit_sentences(result: ShipIdentification, rows: Mapping[str, list[dict]], su
     best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
     fraction = sum(row["weight"] * row["infeasible_fraction"] for row in drawn)
     worst = [row["run"] for row in rows["runs"] if row["verdict"] in DOUBTS]
+    n_sets = len(result.candidates)
+    weighs = f"{n_sets} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %."
     sentences = [
-        f"{len(result.candidates)} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %.",
+        weighs if n_sets > 1 else f"One term set fitted: “{best.name}”.",
         *held_out_sentences(rows["held_out_indices"]),
         f"Runs with a doubtful check: {', '.join(worst)}." if worst else "No check of a run is doubtful.",
     ]
