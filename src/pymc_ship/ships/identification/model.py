@@ -209,7 +209,7 @@ def identify_ship(
         manoeuvres=tuple(training.manoeuvres),
         candidates=tuple(candidates),
         refusals=tuple(refusals),
-        held_out_indices=index_table([row | {"sd": index_sd(row, ship.index_error)} for row in rows]),
+        held_out_indices=index_table([row | {"sd": index_sd(row, ship.index_error or {})} for row in rows]),
         quality_flags=quality_flags(trials, names),
         captive=captive,
     )
