@@ -166,6 +166,20 @@ def test_the_remedy_for_an_offset_fixes_its_coefficient(formulae, frame):
     np.testing.assert_allclose(data.least_squares, plain.least_squares)
 
 
+def test_digits_are_categories_where_they_are_said_to_be(formulae, frame):
+    texts = frame.assign(gear=["1", "2"] * (len(frame) // 2), side=["port", "2"] * (len(frame) // 2))
+    for term, names in {"C(gear)": ["C(gear)[2]"], "side": ["side[port]"]}.items():
+        assert list(ps.RegressionData.from_formula(f"Y ~ v + {term}", texts).coefficients)[2:] == names
+
+
+def test_a_column_that_stands_twice_is_refused_where_it_is_used(formulae, frame):
+    pandas = pytest.importorskip("pandas")
+    twice = pandas.concat([frame, frame[["r"]]], axis=1)
+    with refused(ps.InferenceError, "r", "once"):
+        ps.RegressionData.from_formula("Y ~ v + r", twice)
+    assert list(ps.RegressionData.from_formula("Y ~ v", twice).coefficients) == ["Intercept", "v"]
+
+
 def test_a_formula_without_its_parser_is_refused_with_a_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "formulae", None)
     with pytest.raises(ps.InferenceError) as found:

@@ -225,7 +225,7 @@ test_errors_of_rows = wording(
         (
             reason,
             lambda frame, formula=formula: ps.RegressionData.from_formula(
-                formula, frame.assign(side=["port", "starboard"] * 30), scaling="none"
+                formula, frame.assign(side=["port", "starboard"] * 30, digits=["1", "2.5", "-3"] * 20), scaling="none"
             ),
         )
         for formula, reason in [
@@ -239,6 +239,7 @@ test_errors_of_rows = wording(
                 for join, x in [(" + ", "delta"), (" + ", "2"), (":", "delta")]
             ),
             ("Y - r ~ v", "found r in no term in 'Y - r ~ v'; change it."),
+            ("Y ~ v + digits", "^Texts are categories in a formula, found numbers stored as text in digits; convert"),
             *(
                 (
                     f"Y ~ {text} {end}",

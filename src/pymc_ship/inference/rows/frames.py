@@ -226,6 +226,8 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
         raise InferenceError("Formulas need the package formulae, found none; install pymc-ship[formula].") from None
     if not is_frame(frame):
         raise InferenceError(f"A formula needs a table, found {short_repr(type(frame))}; give a DataFrame.")
+    used = [name for name in dict.fromkeys(_NAMES.findall(str(formula))) if name in frame_names(frame)]
+    check_names(frame, used, f"The rows of {short_repr(formula)}")
     scope, log, messages = _Scope(), getLogger("formulae"), BufferingHandler(1000)  # formulae logs what it leaves out
     messages.setLevel(WARNING)
     scope.outer = Environment.capture(_FRAMES)
@@ -306,6 +308,12 @@ def _check_terms(formula: str, frame: Any, matrices: Any) -> None:
             f"A formula has only terms whose coefficients are estimated, found {_name_list(offsets)}; write the "
             "variable without offset() and fix its coefficient at 1 by hold_fixed."
         )
+    bare = [part.name for term in terms for part in getattr(term, "components", ()) if part.kind == "categoric"]
+    if texts := [name for name in bare if name in frame_names(frame) and _are_numbers(frame[name])]:
+        raise InferenceError(
+            f"Texts are categories in a formula, found numbers stored as text in {_name_list(texts)}; convert them by "
+            f"pandas.to_numeric, or write C({texts[0]})."
+        )
     used = _variables([*terms, *([] if response is None else [response.term.term])])
     idle = [name for name in frame_names(frame) if name in _NAMES.findall(formula) and name not in used]
     faults = {
@@ -323,6 +331,13 @@ def _check_terms(formula: str, frame: Any, matrices: Any) -> None:
             "A formula has a response and terms that are the same for all rows, such as 'Y ~ v + r', found "
             f"{present} in {short_repr(formula)}; change it."
         )
+
+
+def _are_numbers(texts: Iterable[Any]) -> bool:
+    try:
+        return [float(text) for text in texts if isinstance(text, str)] != []
+    except ValueError:
+        return False
 
 
 def _sentence(formula: str, what: str, error: Exception | str) -> str:

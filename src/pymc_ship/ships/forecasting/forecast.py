@@ -240,8 +240,8 @@ def has_roll(tree: xr.DataTree) -> bool:
 
 def draws_text(tree: xr.DataTree) -> str:
     """Text on the draws: number of draws, percentage diverged and, where known, extrapolated."""
-    diverged, extrapolated = (tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
-    text = f"{tree.attrs['draws']} draws, {100.0 * diverged:.3g} % diverged"
+    extrapolated = tree.attrs["extrapolated_fraction"]
+    text = f"{tree.attrs['draws']} draws, {100.0 * tree.attrs['diverged_fraction']:.3g} % diverged"
     known = np.isfinite(extrapolated)
     return text + (f", {percentage_outside(extrapolated)} of the instants extrapolated" if known else "")
 

@@ -23,7 +23,7 @@ from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 
-# Status of a draw, the first that is true (wrong way: first turns against the rudder), and name of its attr share_...
+# Status of a draw, the first that is true, and the name of its attr ..._fraction; wrong way: turns against the rudder
 STATUSES = ("diverged", "wrong way", "course-unstable", "complete")
 OUTCOMES = ("diverged", "wrong_way", "course_unstable", "complete")
 STANDARD = {  # manoeuvres of a prior predictive check, and their indices that IMO MSC.137(76) limits
