@@ -39,7 +39,7 @@ def test_a_table_of_every_channel_and_a_score(record, tmp_path, capsys):
     [
         (["--length", "-3"], "positive length and distance of windows"),
         (["--length", "1e5"], "A score needs a record of"),
-        (["--draws", "0"], "A replay needs a draw"),
+        (["--draws", "0"], "draws must be a whole number from 1 up"),
     ],
 )
 def test_what_cannot_be_scored_is_one_sentence(record, capsys, words, message):

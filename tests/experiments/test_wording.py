@@ -98,5 +98,8 @@ test_study_errors = wording(
         "found --workers; leave it out",
         lambda study, tmp_path: ps.montecarlo(study, tmp_path, workers=2, scheduler="tcp://127.0.0.1:1"),
     ),
-    ("at least one worker, found 0", lambda study, tmp_path: ps.montecarlo(study, tmp_path, workers=0)),
+    (
+        "workers must be a whole number from 1 up, found 0",
+        lambda study, tmp_path: ps.montecarlo(study, tmp_path, workers=0),
+    ),
 )

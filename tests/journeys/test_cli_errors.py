@@ -184,7 +184,7 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
             "forecast {tmp}/swapped --vessel {small} --turn 35 --out {out}",
             "must be a posterior of surge, found one of yaw",
         ),
-        ("forecast {made}/identified --vessel {small} --turn 35 --draws 1 --out {out}", "needs two draws"),
+        ("forecast {made}/identified --vessel {small} --turn 35 --draws 1 --out {out}", "draws must be"),
         (
             "forecast {made}/identified/yaw-conjugate.nc --vessel {small} --turn 35 --out {out}",
             "The joint posterior lacks Xdeltadelta, .* of 'small'; use its own terms",

@@ -23,14 +23,15 @@ def taking(argument):
 
 
 def called(name, **given):
-    """Call a public function; an argument that is needed and not given is an object that nothing can be done with."""
+    """Call a public function; an argument that is needed and not given is 1 or an object that nothing is done with."""
     needed = [
-        entry.name
+        entry
         for entry in FUNCTIONS[name].parameters.values()
         if entry.default is entry.empty and entry.kind is not entry.VAR_KEYWORD
     ]
     given = {word: value for word, value in given.items() if word in FUNCTIONS[name].parameters}
-    return getattr(ps, name)(**{word: object() for word in needed} | given)
+    filled = {entry.name: 1 if entry.annotation == "int" else object() for entry in needed}
+    return getattr(ps, name)(**filled | given)
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +56,28 @@ def test_what_is_no_seed_is_refused_with_a_sentence(name, bad):
     bad = None if bad == "None" and not optional else bad
     with refused(ValueError, "rng=1"):
         called(name, rng=bad)
+
+
+COUNTS = [
+    (name, entry.name)
+    for name, signature in FUNCTIONS.items()
+    for entry in signature.parameters.values()
+    if entry.annotation == "int"
+]
+
+
+@pytest.mark.parametrize("bad", [True, "3", -1, 3.0, 2.5, float("nan"), None])
+@pytest.mark.parametrize(("name", "count"), COUNTS)
+def test_what_is_no_count_is_refused_with_its_name(name, count, bad):
+    with refused(ValueError, count):
+        called(name, **{count: bad, "rng": 1})
+
+
+@pytest.mark.parametrize("bad", [True, "0.9", 0.0, 1, 90.0, float("nan"), None])
+@pytest.mark.parametrize("name", ["forecast", "replay", "score"])
+def test_what_is_no_probability_is_refused_with_its_name(name, bad):
+    with refused(ValueError, "ci_prob"):
+        called(name, ci_prob=bad, rng=1)
 
 
 def test_an_integer_and_a_seed_sequence_stand_for_their_generators(trial, data):

@@ -48,6 +48,20 @@ def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *
     return number
 
 
+def check_counts(error: type[ValueError] = ValueError, *, least: int = 1, **counts: Any) -> None:
+    """Raise ``error``, which names it, for a count that is no whole number, or below ``least``."""
+    for name, value in counts.items():
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+            raise error(f"{name} must be a whole number from {least} up, found {short_repr(value)}; correct it.")
+
+
+def check_probabilities(**probabilities: Any) -> None:
+    """Raise a ValueError, which names it, for a probability that does not lie between 0 and 1."""
+    for name, value in probabilities.items():
+        if not 0.0 < finite_number(name, value) < 1.0:
+            raise ValueError(f"{name} must lie between 0 and 1, found {value}; correct it.")
+
+
 def real_array(what: str, values: Any, error: type[ValueError] = ValueError) -> np.ndarray:
     """Values as a new array of floats, with their NaN; ``error`` for masked, missing or complex values, texts, dates.
 

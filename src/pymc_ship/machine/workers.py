@@ -15,6 +15,8 @@ from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice, takewhile
 
+from pymc_ship.machine.arguments import check_counts
+
 AHEAD = 4  # tasks queued for each worker
 RESTARTS = 5  # largest number of losses of workers without a result in between
 MACHINE = (MemoryError, OSError)  # errors of the machine, after which a task is tried again
@@ -62,8 +64,8 @@ class LocalCores:
     def __init__(self, workers: int | None = None, *, error: type[ValueError]):
         import joblib
 
-        if workers is not None and workers < 1:
-            raise error(f"Tasks need at least one worker, found {workers}; raise the number of workers.")
+        if workers is not None:
+            check_counts(error, workers=workers)
         self.workers = workers or joblib.cpu_count()
 
     def map_unordered[Task, Result](self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:

@@ -116,17 +116,22 @@ def on_a_full_disk(tmp_path, monkeypatch):
 test_value_errors = wording(
     ValueError,
     (
-        "Counts must be 1 or more, found simulations=0, draws=99; raise them",
+        "simulations must be a whole number from 1 up, found 0; correct",
         partial(simulation_based_calibration, *case(), simulations=0, rng=RNG),
     ),
     *(
         (
-            f"found {draws} for {chains}; give a multiple",
+            sentence,
             lambda draws=draws, chains=chains: exact_posterior(
                 case()[0], ConjugatePrior(), draws=draws, chains=chains, rng=np.random.default_rng(1)
             ),
         )
-        for draws, chains in [(10, 4), (0, 4), (4, 0), (-4, 2)]
+        for draws, chains, sentence in [
+            (10, 4, "found 10 for 4; give a multiple"),
+            (0, 4, "draws must be a whole number from 1 up, found 0"),
+            (4, 0, "chains must be a whole number from 1 up, found 0"),
+            (-4, 2, "draws must be a whole number from 1 up, found -4"),
+        ]
     ),
     *(
         (
@@ -137,12 +142,16 @@ test_value_errors = wording(
     ),
     *(
         (
-            f"found {draws} for {chains}; give a multiple",
+            sentence,
             lambda draws=draws, chains=chains: exact_posterior(
                 *case(), draws=draws, chains=chains, rng=np.random.default_rng(1)
             ),
         )
-        for draws, chains in [(10, 4), (0, 4), (4, 0)]
+        for draws, chains, sentence in [
+            (10, 4, "found 10 for 4; give a multiple"),
+            (0, 4, "draws must be a whole number from 1 up, found 0"),
+            (4, 0, "chains must be a whole number from 1 up, found 0"),
+        ]
     ),
     (
         r"ending in .nc or .zarr, found 'surge.csv'; rename it",

@@ -93,7 +93,7 @@ test_value_errors = wording(
     ValueError,
     *(
         (
-            "at least one draw in one chain, found draws",
+            "must be a whole number from [01] up, found",
             lambda numbers=numbers: gibbs_posterior(*case(), rng=np.random.default_rng(1), **numbers),
         )
         for numbers in [{"draws": 0}, {"chains": 0}, {"tune": -1}]
@@ -104,8 +104,8 @@ test_value_errors = wording(
             lambda bad=bad: hierarchical_posterior(ships(), PRIOR, rng=1, **bad),
         )
         for bad, sentence in [
-            ({"target_accept": 1.5}, r"An acceptance rate lies between 0 and 1, found 1\.5; give one such as 0\.9\."),
-            ({"chains": 0}, "Draws, chains and tune are at least 1, found draws=1000, chains=0, tune=1000"),
+            ({"target_accept": 1.5}, r"target_accept must lie between 0 and 1, found 1\.5; correct it\."),
+            ({"chains": 0}, "chains must be a whole number from 1 up, found 0; correct"),
         ]
     ),
     *(
@@ -125,7 +125,7 @@ test_value_errors = wording(
         r"The NUTS sampler is one of nutpie, pymc, numpyro, blackjax; found 'stan'",
         lambda: sampled_by_nuts(sampler="stan"),
     ),
-    ("positive, found 0", lambda: predictive(draws=0)),
+    ("draws must be a whole number from 1 up, found 0", lambda: predictive(draws=0)),
     *(
         (f"^The data must be those of the posterior, found {fault} in its tree; give the", partial(predictive, **given))
         for fault, given in [
@@ -162,8 +162,11 @@ test_value_errors = wording(
         r"^The data must be those of the posterior, of x1, .*, found x1, x2; give",
         lambda: predicted(data=RegressionData.from_arrays(np.eye(5)[:, :2], np.ones(5), scaling="none")),
     ),
-    ("tune=0", lambda: sampled_by_nuts(tune=0)),
-    ("tune=0", lambda container: trajectory_nuts_posterior(trial(1), container, tune=0, rng=np.random.default_rng(1))),
+    ("tune must be a whole number from 1 up, found 0", lambda: sampled_by_nuts(tune=0)),
+    (
+        "tune must be a whole number from 1 up, found 0",
+        lambda container: trajectory_nuts_posterior(trial(1), container, tune=0, rng=np.random.default_rng(1)),
+    ),
     ("normal, student_t, ar1; found 'cauchy'", lambda: modelled(errors="cauchy")),
     ("normal, student_t, ar1; found 'cauchy'", lambda: sampled_by_nuts(errors="cauchy")),
 )

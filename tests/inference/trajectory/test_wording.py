@@ -78,8 +78,12 @@ test_fit_errors = wording(
 test_value_errors = wording(
     ValueError,
     *(
-        (f"found {draws} draws for {chains} chains; give a multiple", partial(with_chains, draws=draws, chains=chains))
-        for draws, chains in [(10, 4), (0, 4), (4, 0)]
+        (sentence, partial(with_chains, draws=draws, chains=chains))
+        for draws, chains, sentence in [
+            (10, 4, "found 10 draws for 4 chains; give a multiple"),
+            (0, 4, "draws must be a whole number from 1 up, found 0"),
+            (4, 0, "chains must be a whole number from 1 up, found 0"),
+        ]
     ),
 )
 

@@ -83,7 +83,7 @@ test_value_errors = wording(
             ),
         )
         for arguments, sentence in [
-            ({"draws": 0}, "must be 1 or more, found 0"),
+            ({"draws": 0}, "draws must be a whole number from 1 up, found 0"),
             ({"prior": "gauss"}, "prior is one of laplace, cauchy; found 'gauss'"),
             ({"y": np.full(20, np.nan)}, "finite values, found NaN or infinity in signal"),
         ]

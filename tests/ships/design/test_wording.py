@@ -34,19 +34,17 @@ test_simulation_errors = wording(
     *(
         (
             "one candidate and one target manoeuvre or more that have indices",
-            lambda candidates=candidates, n=n, interest=interest: design(
-                well_known(), candidates, n, interest=interest
-            ),
+            lambda candidates=candidates, interest=interest: design(well_known(), candidates, interest=interest),
         )
-        for candidates, n, interest in [
-            ([], 1, [CIRCLE]),
-            ([STEPS], 1, [CIRCLE]),
-            ([StoppingTest(1.0)], 1, [CIRCLE]),
-            ([CIRCLE], 0, [CIRCLE]),
-            ([CIRCLE], 1, []),
-            ([CIRCLE], 1, [STEPS]),
+        for candidates, interest in [
+            ([], [CIRCLE]),
+            ([STEPS], [CIRCLE]),
+            ([StoppingTest(1.0)], [CIRCLE]),
+            ([CIRCLE], []),
+            ([CIRCLE], [STEPS]),
         ]
     ),
+    ("^n must be a whole number from 1 up, found 0; correct it", lambda: design(well_known(), [CIRCLE], 0)),
     ("that nine tenths of the draws reach, found none of", where_no_draw_arrives),
     ("needs forces that depend on wind", lambda: design(well_known(), [CIRCLE], wind=(10.0, 90.0))),
     ("needs the motion of the runs so far, found a ship without it", of_a_posterior),

@@ -127,7 +127,7 @@ test_ship_errors = wording(
 
 test_value_errors = wording(
     ValueError,
-    ("needs two draws or more, found 1; give a larger `draws`", lambda: of_posterior(draws=1)),
+    ("draws must be a whole number from 2 up, found 1; correct", lambda: of_posterior(draws=1)),
     ("found 1.0 for 'speed'; correct it", lambda: of_posterior(noise_sd={"speed": 1.0})),
     *(
         ("finite and at least 0, for any of u, v, .* found", lambda noise=noise: of_posterior(noise_sd=noise))

@@ -85,12 +85,12 @@ test_simulation_errors = wording(
 test_value_errors = wording(
     ValueError,
     (
-        "two draws or more, found 1; raise",
+        "draws must be a whole number from 2 up, found 1; correct",
         lambda container, zigzag_trial: ships(container, flat(container, zigzag_trial), draws=1),
     ),
     *(
         (
-            "needs two draws and 0 < ci_prob < 1, found",
+            "(draws must be a whole number from 2 up|ci_prob must .*), found",
             lambda container, settings=settings: ps.forecast(
                 container, ps.zigzag(20, 20), rng=1, duration=10.0, **settings
             ),

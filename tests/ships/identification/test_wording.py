@@ -84,9 +84,9 @@ test_trial_errors = wording(
         "The trials of this ship have no facility, found facility='basin C'; leave it out",
         lambda: of_facilities(""),
     ),
-    (r"needs one trial or more, .* found 0 trials, 0 names and \d+ draws; correct", lambda: identified([])),
-    ("found 1 trials, 2 names", lambda: identified(trials(0)[:1], names=["a", "b"])),
-    ("1 names and 1 draws", lambda: identified(trials(0)[:1], draws=1)),
+    ("needs one trial or more and a name for each, found 0 trials and 0 names; correct", lambda: identified([])),
+    ("found 1 trials and 2 names", lambda: identified(trials(0)[:1], names=["a", "b"])),
+    ("draws must be a whole number from 2 up, found 1", lambda: identified(trials(0)[:1], draws=1)),
     (
         r"^A run .* lasts half a window .* found 80 s; use a longer run\.$",
         lambda: identified([trials(0)[0], trials(0)[1].isel(time=slice(0, 80))]),
@@ -145,8 +145,8 @@ test_value_errors = wording(
         for settings, message in [
             ({"start": -5.0}, "begins and ends inside the record, 0 to 599.5 s, found -5 to 599.5 s"),
             ({"duration": 1e4}, "inside the record.*found 0 to 10000 s"),
-            ({"draws": 0}, "needs a draw and 0 < ci_prob < 1, found 0 and 0.9"),
-            ({"ci_prob": 1.0}, "found 200 and 1.0"),
+            ({"draws": 0}, "draws must be a whole number from 1 up, found 0"),
+            ({"ci_prob": 1.0}, "ci_prob must lie between 0 and 1, found 1.0"),
         ]
     ),
     (

@@ -13,6 +13,7 @@ from scipy import special
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.seeds import Seed, random_generator
 
 LEVEL = 1e-3  # probability that any comparison of a table exceeds its limit under a correct sampler
@@ -55,10 +56,9 @@ def simulation_based_calibration(
         ``p_value`` and ``z`` of uniformity; attrs ``largest_z``, ``z_limit``, ``comparisons``, ``calibrated`` (0 or 1).
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), doi:10.1214/23-BA1404.
     """
+    check_counts(simulations=simulations, draws=draws)
     rng = random_generator(rng)
     check_prior(prior)
-    if min(simulations, draws) < 1:
-        raise ValueError(f"Counts must be 1 or more, found {simulations=}, {draws=}; raise them.")
     ranks = np.empty((simulations, data.n_terms + 2), dtype=int)
     for k in range(simulations):
         truth, simulated = simulated_from_prior(data, prior, rng)

@@ -14,6 +14,7 @@ from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.regression.tune import TunedPrior, maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -173,6 +174,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     InferenceError
         For fewer than two draws, or rows of different coefficients.
     """
+    check_counts(InferenceError, draws=draws)
     rng, names = random_generator(rng), {data.coefficients for data in rows}
     if len(rows) < 2 or len(names) > 1:
         raise InferenceError(

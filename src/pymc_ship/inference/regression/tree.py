@@ -13,7 +13,7 @@ import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.arguments import check_counts, short_repr
 from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_valid_checksum
 from pymc_ship.machine.files import settle, staged_path
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -111,10 +111,11 @@ def exact_posterior(
     InferenceError, ValueError
         For no prior, or vectors of the wrong length; for ``draws`` that are no positive multiple of ``chains``.
     """
+    check_counts(draws=draws, chains=chains)
+    if draws % chains:
+        raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
     rng = random_generator(rng)
     check_prior(prior)
-    if draws < 1 or chains < 1 or draws % chains:
-        raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
     exact, state = prior.exact(data), rng_state(rng)
     coefficients, noise_variance = exact.draw(draws, rng)
     coefficients, noise_variance = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)

@@ -15,6 +15,7 @@ from numba import njit
 from pymc_ship.inference.regression.priors import Prior, check_prior, rotate, rotate_back, warn_of_units
 from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
@@ -48,13 +49,10 @@ def gibbs(
     data: RegressionData, prior: Prior, *, draws: int = 1000, chains: int = 4, tune: int = 500, rng: Seed
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (chains, draws, n_terms) and noise variance (chains, draws) of :func:`gibbs_posterior` as arrays."""
+    check_counts(draws=draws, chains=chains)
+    check_counts(least=0, tune=tune)
     rng = random_generator(rng)
     check_prior(prior)
-    if draws < 1 or chains < 1 or tune < 0:
-        raise ValueError(
-            f"The sampler makes at least one draw in one chain, found draws {draws}, chains {chains}, tune {tune}; "
-            "raise them."
-        )
     if prior.noise_power not in (0, 1):
         raise InferenceError(
             "The Gibbs sampler needs coefficients whose prior variance is proportional to the noise variance or "

@@ -135,10 +135,10 @@ def hierarchical_posterior(
     >>> dict(tree["posterior"]["group_coefficients"].sizes)
     {'chain': 2, 'draw': 100, 'group': 2, 'coefficient': 12}
     """
-    rng, model = random_generator(rng), hierarchical_model(data, prior, groups, spread=spread)
-    labels, group = group_of_rows(data, groups)
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept}
     check_settings(settings)
+    rng, model = random_generator(rng), hierarchical_model(data, prior, groups, spread=spread)
+    labels, group = group_of_rows(data, groups)
     reduced, seed = reduced_groups(data, prior, group), int(rng.integers(2**31))
     sampled = sample_model(marginal_model(reduced, prior, float(spread)), settings, seed, progress)
     rng = np.random.default_rng([seed, 1])

@@ -13,6 +13,7 @@ from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import new_design
 from pymc_ship.inference.sampling.error_laws import draw_errors, error_law, known_errors_of, log_likelihood_group
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.seeds import Seed, random_generator
 
 PREDICTIVE_DRAWS = 500  # default number of prior draws
@@ -141,10 +142,9 @@ def with_predictive(
     ValueError
         When draws is not positive, the data are not those of the tree, or its errors follow no law of the package.
     """
+    check_counts(draws=draws)
     rng = random_generator(rng)
     check_prior(prior)
-    if draws < 1:
-        raise ValueError(f"The predictive draws must be positive, found {draws}; raise them to 1 or more.")
     data = _check_fitted(tree, data)
     whole = tree["posterior"].to_dataset()
     posterior = whole.sel(coefficient=list(data.coefficients))

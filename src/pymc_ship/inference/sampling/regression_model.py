@@ -19,7 +19,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, run_parts, with_errors
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.predictive import with_predictive
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, check_counts, check_probabilities
 from pymc_ship.machine.seeds import Seed, random_generator
 
 if TYPE_CHECKING:
@@ -244,12 +244,9 @@ def sample_model(model: Any, settings: dict, seed: int, progress: bool, sampler:
 
 def check_settings(settings: dict) -> None:
     """Check counts and acceptance rate; ValueError."""
-    draws, chains, tune = (settings[name] for name in ("draws", "chains", "tune"))
-    if min(draws, chains, tune) < 1:
-        raise ValueError(f"Draws, chains and tune are at least 1, found {draws=}, {chains=}, {tune=}; raise them.")
-    rate = settings.get("target_accept", 0.8)
-    if not 0.0 < rate < 1.0:
-        raise ValueError(f"An acceptance rate lies between 0 and 1, found {rate}; give one such as 0.9.")
+    names = ["draws", "chains", "tune", *(["cores"] if settings.get("cores") is not None else [])]
+    check_counts(**{name: settings[name] for name in names})
+    check_probabilities(target_accept=settings.get("target_accept", 0.8))
 
 
 def _is_own(prior: Prior | Callable) -> TypeIs[Callable]:

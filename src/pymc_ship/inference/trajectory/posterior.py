@@ -15,6 +15,7 @@ from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfits
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.scale_law import FREEDOM, gibbs_draws
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
@@ -97,8 +98,9 @@ def trajectory_posterior(
     >>> print(f"{draws.mean():.5f}, {vessel.coefficients('yaw').sel(coefficient='Ngsincos'):.5f}")
     -0.00176, -0.00176
     """
+    check_counts(draws=draws, chains=chains)
     rng, vessel = random_generator(rng), as_vessel(vessel)
-    if draws < 1 or chains < 1 or draws % chains:
+    if draws % chains:
         raise ValueError(
             f"Chains have equal numbers of draws, found {draws} draws for {chains} chains; give a multiple."
         )

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.records.denoising.denoise import channels_to_denoise, finite_signal
@@ -57,6 +58,7 @@ def denoise_draws(
     >>> print(f"{1e3 * sd:.1f} mm/s, {1e3 * error:.1f} mm/s")
     4.4 mm/s, 3.1 mm/s
     """
+    check_counts(draws=draws)
     rng, trial = random_generator(rng), as_trial(trial)
     names = channels_to_denoise(trial, channels)
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
@@ -95,13 +97,12 @@ def denoise_signal_draws(
     **options
         ``scale``, ``levels``, ``boundary`` of :func:`pymc_ship.denoise_signal`.
     """
+    check_counts(draws=draws)
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
     return _draw(y, "signal", draws, random_generator(rng), settings)
 
 
 def _draw(y: ArrayLike, what: str, draws: int, rng: np.random.Generator, settings: dict[str, Any]) -> np.ndarray:
     """Draws of a signal, shape (draws, n_time); ``what`` names it in errors."""
-    if draws < 1:
-        raise ValueError(f"The number of draws must be 1 or more, found {draws}; raise draws.")
     posterior = wavelet_posterior(finite_signal(y, what), what, **settings)
     return np.array([posterior.draw(rng) for _ in range(draws)])

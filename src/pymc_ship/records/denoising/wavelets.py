@@ -135,6 +135,6 @@ def whole_levels(n_time: int, levels: int | None, what: str) -> int:
     largest = int(math.log2(n_time))
     if levels is None:
         return largest - 3
-    if not isinstance(levels, int | np.integer) or not 1 <= levels <= largest:
+    if isinstance(levels, bool) or not isinstance(levels, int | np.integer) or not 1 <= levels <= largest:
         raise ValueError(f"The {what} ({n_time} samples) has 1 to {largest} levels, found {levels}; choose among them.")
     return levels

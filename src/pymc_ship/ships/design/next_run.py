@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.indices import indices
@@ -140,13 +141,14 @@ def design(
     >>> plan["chosen"].item()
     'turning circle 35 port'
     """
+    check_counts(SimulationError, n=n)
+    check_counts(SimulationError, least=2, draws=draws)
     ship, by_label = as_ship(ship), _manoeuvres_by_label(candidates)
     have_indices = [isinstance(one, Manoeuvre) and bool(one.traits.indices) for one in (*by_label.values(), *interest)]
-    if n < 1 or draws < 2 or not by_label or not interest or not all(have_indices):
+    if not by_label or not interest or not all(have_indices):
         raise SimulationError(
-            "A design needs one candidate and one target manoeuvre or more that have indices, one run and two "
-            f"draws or more; found {list(by_label)}, {[one.label for one in interest]}, {n} and {draws}; "
-            "correct them."
+            "A design needs one candidate and one target manoeuvre or more that have indices, found "
+            f"{list(by_label)} and {[one.label for one in interest]}; correct them."
         )
     models = thinned_draws(suitable_models(ship.models, wind=wind), draws)
     runs: dict[tuple[Manoeuvre, bool], _Run] = {}

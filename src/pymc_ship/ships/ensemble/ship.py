@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -121,9 +122,8 @@ class Ship:
         ValueError
             For fewer than two draws, or noise that is invalid or of an unknown channel.
         """
+        check_counts(least=2, draws=draws)
         rng, vessel = random_generator(rng), as_vessel(vessel)
-        if draws < 2:
-            raise ValueError(f"A ship of a posterior needs two draws or more, found {draws}; give a larger `draws`.")
         noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)
         for name, sd in noise.items():
             if name not in SIMULATED or not 0.0 <= sd < np.inf:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, check_counts, check_probabilities
 from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.indices import indices, needs_roll
@@ -103,9 +103,9 @@ def forecast(
     >>> turn.attrs["diverged_fraction"], bool(lower < truth < upper)
     (0.0, True)
     """
+    check_counts(least=2, draws=draws)
+    check_probabilities(ci_prob=ci_prob)
     rng, ship, manoeuvre = random_generator(rng), as_ship(ship), one_manoeuvre(manoeuvre)
-    if draws < 2 or not 0.0 < ci_prob < 1.0:
-        raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
     environment = {"n": n, "wind": wind, "current": current}
     all_models = suitable_models(_models_at_facility(ship, facility), n=n, wind=wind)
     if facility is not None and manoeuvre.approach_speed is None and n is None:

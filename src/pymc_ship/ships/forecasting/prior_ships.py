@@ -12,6 +12,7 @@ from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.predictive import prior_draws
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre, turning_circle, zigzag
@@ -80,9 +81,8 @@ def prior_ships(
     ----------
     Gabry et al. (2019), J. R. Statist. Soc. A 182(2):389, doi:10.1111/rssa.12378; IMO (2002), resolution MSC.137(76).
     """
+    check_counts(least=2, draws=draws)
     rng, vessel, manoeuvre = random_generator(rng), as_vessel(vessel), one_manoeuvre(manoeuvre)
-    if draws < 2:
-        raise ValueError(f"A prior predictive check needs two draws or more, found {draws}; raise draws.")
     ships = simulate_draws(vessel, _rows(vessel, prior, draws, rng), manoeuvre, rng, duration=duration, **settings)
     in_prior = vessel.dofs if isinstance(prior, CoefficientPrior | xr.DataTree) else prior
     attrs = {**ships.attrs, "fixed_dofs": " ".join(dof for dof in vessel.dofs if dof not in in_prior)}

@@ -17,6 +17,7 @@ from pymc_ship.inference.captive.comparison import captive_bands
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
 from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
@@ -165,13 +166,14 @@ def identify_ship(
     >>> identification.ship
     Ship(kvlcc2: 1 model, 100 draws, model error from 2 held-out runs)
     """
+    check_counts(TrialError, least=2, draws=draws)
     rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)
     before = prior if isinstance(prior, Ship) else None
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
-    if not trials or len(names) != len(trials) or draws < 2:
+    if not trials or len(names) != len(trials):
         raise TrialError(
-            f"An identification needs one trial or more, a name for each, and two draws or more, found "
-            f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
+            f"An identification needs one trial or more and a name for each, found {len(trials)} trials and "
+            f"{len(names)} names; correct them."
         )
     kind = prior_kind_of(vessel, (prior.prior if isinstance(prior, Ship) else prior) or None)
     training = _with_earlier_runs(before, replace(_prepare(trials, vessel, kind), captive=captive))

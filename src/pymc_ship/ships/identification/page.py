@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.inference.captive.comparison import captive_figure, comparison_page_table, comparison_rows
 from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Columns, Table, fixed_point, heads, number, table
@@ -146,6 +147,7 @@ def write_ship_report(
     OutputError
         When the folder cannot be written.
     """
+    check_counts(least=0, seed=seed)
     trials = named_trials(trials)
     if tuple(trials) != result.names:
         raise ValueError(

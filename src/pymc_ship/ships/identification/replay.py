@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
+from pymc_ship.machine.arguments import check_counts, check_probabilities
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.motion.equations import STATE
@@ -80,8 +81,8 @@ def replay(
     >>> bool(abs(tree["bands"]["u"].sel(band="median") - tree["measured"]["u"]).max() < 0.05)
     True
     """
-    if draws < 1 or not 0.0 < ci_prob < 1.0:
-        raise ValueError(f"A replay needs a draw and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
+    check_counts(draws=draws)
+    check_probabilities(ci_prob=ci_prob)
     ship, trial = as_ship(ship), as_trial(trial)
     samples = _samples(trial, start, duration)
     piece, models = trial.isel(time=samples), thinned_draws(ship.models, draws)
@@ -162,6 +163,8 @@ def score(
     >>> bool(scores.attrs["score"] < 0.05), int(scores["diverged"].sum())
     (True, 0)
     """
+    check_counts(draws=draws)
+    check_probabilities(ci_prob=ci_prob)
     ship, trials = as_ship(ship), trial_list(trials)
     for trial in trials:
         check_trial(trial, (*_MEASURED, "x", "y"))
@@ -221,6 +224,7 @@ def score_indices(
     TrialError
         For a trial that lacks a channel.
     """
+    check_counts(draws=draws)
     rng, ship, trials = random_generator(rng), as_ship(ship), trial_list(trials)
     names = names or [str(k + 1) for k in range(len(trials))]
     drawn_models, errors = thinned_draws(ship.models, draws), ship.index_error or {}

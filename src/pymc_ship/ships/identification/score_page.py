@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pymc_ship.machine.arguments import check_counts
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import fixed_point, heads, number, table
@@ -69,6 +70,7 @@ def write_score_page(
     OutputError
         When the folder cannot be written.
     """
+    check_counts(draws=draws)
     ship, trials = as_ship(ship), named_trials(trials)
     rows, runs = channel_rows(scores), run_rows(scores)
     n, percent = number(3), fixed_point(0)
