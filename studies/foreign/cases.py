@@ -1,4 +1,4 @@
-"""The named cases: what is sailed with which ship, in which weather, and what her papers state."""
+"""The named cases: what is sailed with which ship, in which weather, and what its papers state."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ Chislett, M. S. & Strøm-Tejsen, J. (1965), Planar motion mechanism tests and fu
 predictions for a Mariner class vessel, Hydro- and Aerodynamics Laboratory, Lyngby, report Hy-5: prime coefficients and
 equations as in Fossen's MSS toolbox (VESSELS/mariner.m), 15 kn. u' stands for (u - U0)/U.
 
-The model has no propeller; the one in her papers is the ship's own as far as it is stated in textbooks (D = 22 ft, P/D
+The model has no propeller; the one in its papers is the ship's own as far as it is stated in textbooks (D = 22 ft, P/D
 = .964, four blades), with K_T by the Wageningen polynomials (Oosterveld & van Oossanen 1975) of B4-56.5 for J from .1
 to .9 and typical wake, revolutions and rudder.
 """
@@ -61,7 +61,7 @@ def force(terms: dict[str, float], values: dict[str, float]) -> float:
 
 @dataclass(frozen=True)
 class Mariner:
-    """The ship; ``asymmetric`` keeps the side force and moment of her single screw, ``rows`` are her forces."""
+    """The ship; ``asymmetric`` keeps the side force and moment of its single screw, ``rows`` are its forces."""
 
     papers: Papers = PAPERS
     asymmetric: bool = True

@@ -278,7 +278,7 @@ def kvlcc2() -> MmgShip:
 
 @dataclass(frozen=True)
 class Form:
-    """Form of a cargo ship: hull, speed [m/s], rudder, diameter and pitch over diameter of her propeller; SI."""
+    """Form of a cargo ship: hull, speed [m/s], rudder, diameter and pitch over diameter of its propeller; SI."""
 
     L: float = 225.023
     B: float = 32.192
@@ -401,7 +401,7 @@ def with_race(ship: MmgShip, *, gamma: float = 0.0, wake: float = 0.0, side_forc
     """The ship with a more asymmetric propeller race.
 
     ``gamma`` and ``wake`` are half the difference of the sides over the mean, starboard the larger; the propeller
-    pushes her stern aside by ``side_force`` of the thrust, half of which acts as a moment by L.
+    pushes its stern aside by ``side_force`` of the thrust, half of which acts as a moment by L.
     """
     r, w = ship.rudder, ship.wake
     rudder = replace(r, gamma_port=r.gamma_port * (1.0 - gamma), gamma_starboard=r.gamma_starboard * (1.0 + gamma))

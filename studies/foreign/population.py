@@ -1,4 +1,4 @@
-"""Ships nobody has seen, drawn around published ones: the population of ``studies/ships.toml``.
+"""Unknown ships, drawn around published ones: the population of ``studies/ships.toml``.
 
 A ship is one of five kinds. A tanker has the forces of the KVLCC2, a Mariner and an S175 those of their polynomials,
 with every coefficient changed by chance; the tanker sails at another scale, too. A cargo ship is of a form that is
@@ -105,10 +105,10 @@ def as_trial(manoeuvre: Manoeuvre) -> Trial:
 
 
 def usual(ship) -> bool:
-    """Whether she turns and checks her yaw as ships do.
+    """Whether a ship turns and checks its yaw as ships do.
 
-    Her circles of 35 deg have a tactical diameter of 2 to 6 L, and after 25 L/U a drift angle amidships below 25 deg
-    and a quarter of her speed or more; the second overshoot of her 20/20 zigzag is below 40 deg.
+    Its circles of 35 deg have a tactical diameter of 2 to 6 L, and after 25 L/U a drift angle amidships below 25 deg
+    and a quarter of its speed or more; the second overshoot of its 20/20 zigzag is below 40 deg.
     """
     try:
         runs = [sailing.sail(ship, trial, interval=0.5) for trial in _USUAL]

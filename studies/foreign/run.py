@@ -1,4 +1,4 @@
-"""Identify every foreign ship from her trials and score forecasts against her own motion: ``make foreign``.
+"""Identify every foreign ship from its trials and score forecasts against its own motion: ``make foreign``.
 
 The judged manoeuvres are circles of 35 deg and 15/15 zigzags to both sides in calm water. An index hits where the
 interval of 95 % holds it. A case that is refused counts as not identified, and all of its indices as missed.

@@ -46,7 +46,7 @@ def revolutions() -> float:
 
 
 def papers(GM: float) -> Papers:
-    """Her papers at a metacentric height [m]."""
+    """Papers of the ship at a metacentric height [m]."""
     height = math.sqrt(ASPECT * RUDDER_AREA)
     return Papers(
         name="foreign_s175",
@@ -88,7 +88,7 @@ def inverse_inertia() -> np.ndarray:
 
 @dataclass(frozen=True)
 class S175:
-    """The ship at a metacentric height [m]; ``rows`` are the forces of her hull."""
+    """The ship at a metacentric height [m]; ``rows`` are the forces of its hull."""
 
     GM: float = 0.3
     rows: tuple[dict[str, float], ...] = ROWS

@@ -1,4 +1,4 @@
-"""The door to all foreign ships: a ship sails a manoeuvre in wind and current, and her sensors are read.
+"""The door to all foreign ships: a ship sails a manoeuvre in wind and current, and its sensors are read.
 
 Axes: x forward, y starboard, origin midship, psi and r positive to starboard; a positive rudder angle turns to port.
 A ship is an object with ``papers`` (:class:`Papers`) and ``accelerations(motion, delta, n, push)``: from surge, sway,
@@ -45,7 +45,7 @@ class Papers:
 
     @property
     def unit(self) -> float:
-        """Time in which she covers her length [s]."""
+        """Time in which it covers its length [s]."""
         return self.L / self.speed
 
 

@@ -1,4 +1,4 @@
-"""Captive tests of the KVLCC2 alone: how well the parts follow them, and where her zigzags disagree.
+"""Captive tests of the KVLCC2 alone: how well the parts follow them, and where its zigzags disagree.
 
 Usage: python -m studies.kvlcc2.captive captive.csv reports/kvlcc2
 """

@@ -1,7 +1,7 @@
 """Populations of ships that judge the intervals of the package, and choose constants that it carries.
 
 - `study`: ships drawn, the trials they sail and what is forecast, read from TOML.
-- `judged_ship`: one ship drawn, identified and compared with her own motion.
+- `judged_ship`: one ship drawn, identified and compared with its own motion.
 - `coverage`: what the intervals of a population hold.
 - `figures`: coverage, reliability and bands of the motion.
 - `calibration`: what a study counts, written into the constants of the package.

@@ -1,4 +1,4 @@
-"""Coverage, width and reliability of the intervals of a population, with standard errors over her ships.
+"""Coverage, width and reliability of the intervals of a population, with standard errors over its ships.
 
 Numbers of one ship err alike, so that a ship counts as one: a standard error is that of the mean over ships. An
 interval is equal-tailed; it holds the truth where the share of the draws below the truth says so.
@@ -23,13 +23,13 @@ from pymc_ship.ships.ensemble.motion_error import MOTION_EXTRAPOLATION_SD, growt
 
 Columns = Mapping[str, np.ndarray]
 """Rows of :data:`studies.population.judged_ship.INDEX` or `INSTANT` of all ships by column, with ``ship``, a number,
-``trials``, ``seed``, ``hull`` and ``first``, whether the ship is of the first half of her class of trials."""
+``trials``, ``seed``, ``hull`` and ``first``, whether the ship is of the first half of its class of trials."""
 
 STATED = (0.75, 0.9, 0.95, 0.99)
 """Probabilities of statements "at most" and "at least" that are counted."""
 
 DISTANCES = {"within one range of the runs": (0.0, 1.0), "1 to 3 ranges beyond": (1.0, 3.0), "further": (3.0, math.inf)}
-"""How far the median ship leaves the motion of her runs [ranges of it]."""
+"""How far the median ship leaves the motion of its runs [ranges of it]."""
 
 _MOST_GROWTH, _ROUNDING = 0.1, 1e-9
 _LOG_TYPICAL = (-12.0, -3.0)
@@ -83,7 +83,7 @@ def by(columns: Columns, group: np.ndarray) -> list[dict]:
 
 
 def ship_rows(columns: Columns) -> list[dict]:
-    """Coverage of every ship, that which holds least first, and how far she leaves the motion of her runs at most."""
+    """Coverage of every ship, that which holds least first, and how far it leaves the motion of its runs at most."""
     rows = []
     for number in np.unique(columns["ship"]):
         mine = where(columns, columns["ship"] == number)
@@ -200,7 +200,7 @@ def fitted_motion(instants: Columns, name: str) -> float:
 def fitted_law(indices: Columns, held: Columns) -> np.ndarray:
     """Typical errors by kind and weight of an index under which the errors of forecasts are most probable.
 
-    Each ship's size has the law of her held-out runs, and each ship counts as one; NaN of a kind without an index.
+    Each ship's size has the law of its held-out runs, and each ship counts as one; NaN of a kind without an index.
     """
     mine = where(indices, _grows(indices) & np.isfinite(indices["error"]))
     kind, variance = _places(_quantities(mine)), mine["draws_sd"] ** 2 + (EXTRAPOLATION_SD * mine["beyond"]) ** 2

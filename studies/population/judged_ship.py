@@ -1,4 +1,4 @@
-"""One ship of a population: drawn, sailed, identified from her trials, and her forecasts beside her own motion.
+"""One ship of a population: drawn, sailed, identified from its trials, and its forecasts beside its own motion.
 
 What is kept of a forecast is its error over what such an error is measured in, and where the truth lies among the draws
 (the probability integral transform, Gneiting et al. 2007, doi:10.1111/j.1467-9868.2007.00587.x): from these every
@@ -53,10 +53,10 @@ INDEX = {"manoeuvre": "str", "index": "str"} | _TOLD | dict.fromkeys(("draws_sd"
 """Columns of a forecast index. Errors of the median, half widths of 95 %, sd (half the width of the central 68 %) and
 CRPS are in swings of the heading, L/U, L, U/L, U, rad of drift or the angle of roll; ``pit`` is the share of the draws
 below the truth; ``draws_sd`` is the sd without the model error; ``beyond`` is how far the median ship leaves the motion
-of her runs [ranges]."""
+of its runs [ranges]."""
 
 INSTANT = {"state": "str"} | dict.fromkeys(("lead", "error", "sd", "pit", "draws_sd", "beyond", "far"), "float")
-"""Columns of a state some time (``lead`` [L/U]) after a restart in a run that she was not given: prime error of the
+"""Columns of a state some time (``lead`` [L/U]) after a restart in a run that it was not given: prime error of the
 median, prime sd (half the width of the central 68 %), share of the draws below the truth, sd without the model error,
 distance from the motion of the runs at that instant, and, of heading and track, its sum over time (``far``
 [ranges L/U])."""
@@ -77,22 +77,22 @@ _DRAWS, _REPLAYED = 500, 100  # of a forecast and of a replay
 
 @dataclass(frozen=True)
 class DrawnShip:
-    """A ship of a population: what is known of her, and how she sails.
+    """A ship of a population: what is known of it, and how it sails.
 
     Attributes
     ----------
     hull : str
         Kind of ship, by which the page tells them apart.
     vessel : Vessel, str or Path
-        Her papers, without coefficients.
+        Papers of the ship, without coefficients.
     sail : callable
-        Takes a Manoeuvre and a duration [s] and returns her exact motion in calm water from the straight course, a
+        Takes a Manoeuvre and a duration [s] and returns its exact motion in calm water from the straight course, a
         Dataset with dims (time,): u, v, r, psi, x, y, delta, n, and p and phi of a ship that rolls.
     record : callable
-        Takes a Manoeuvre and the number of the run, from 0, and returns a record of it as her sensors read it in the
-        weather of her trials.
+        Takes a Manoeuvre and the number of the run, from 0, and returns a record of it as its sensors read it in the
+        weather of its trials.
     stop : callable, optional
-        Takes a StoppingTest with all its numbers and a duration [s] and returns her exact motion until she makes no way
+        Takes a StoppingTest with all its numbers and a duration [s] and returns its exact motion until it makes no way
         ahead, as ``sail`` does; None for a ship whose forces mean nothing there.
     """
 
@@ -109,10 +109,10 @@ Draw = Callable[[np.random.Generator], DrawnShip]
 
 @dataclass(frozen=True)
 class ShipTask:
-    """What one task judges: a ship that ``draw`` draws, her trials (all, or up to ``most`` by chance) and forecasts.
+    """What one task judges: a ship that ``draw`` draws, its trials (all, or up to ``most`` by chance) and forecasts.
 
-    ``astern`` is the share of the nominal revolutions that stop her, 0 for no stopping test. ``trials``, ``seed`` and
-    ``root`` name the ship's random numbers, ``block`` says where the result belongs.
+    ``astern`` is the share of the nominal revolutions that stop the ship, 0 for no stopping test. ``trials``,
+    ``seed`` and ``root`` name the ship's random numbers, ``block`` says where the result belongs.
     """
 
     draw: Draw
@@ -187,7 +187,7 @@ def _nothing() -> dict:
 
 
 def _drawn(task: ShipTask) -> tuple[DrawnShip, list[xr.Dataset]]:
-    """Ship and records of her trials."""
+    """Ship and records of its trials."""
     with _of_the_user(task):
         ship = task.draw(task.rng("ship of a population"))
         return ship, [ship.record(manoeuvre, k) for k, manoeuvre in enumerate(task.sailed())]
@@ -231,7 +231,7 @@ def _judged(task: ShipTask, drawn: DrawnShip, records: list[xr.Dataset], parts: 
 def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel: Vessel) -> list[dict]:
     """Stopping test of a ship beside the forecast by the parts that hold at any speed, rows of :data:`STOP`.
 
-    There is none where the study asks for no test, the ship cannot be stopped or her papers state no draught or no
+    There is none where the study asks for no test, the ship cannot be stopped or its papers state no draught or no
     propeller. Numbers are NaN where these parts are not identified.
     """
     if not task.astern or drawn.stop is None or vessel.propeller is None or not supports_part_sets(vessel):
@@ -256,7 +256,7 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
 
 
 def held_rows(identified: ShipIdentification) -> list[dict]:
-    """Indices of her held-out runs, rows of :data:`HELD_INDEX`."""
+    """Indices of its held-out runs, rows of :data:`HELD_INDEX`."""
     rows = []
     for row in table_rows(identified.held_out_indices):
         error, known = scaled_error(row)

@@ -46,7 +46,7 @@ def print_row(ship: str, ratios: list | np.ndarray) -> None:
 
 
 def identified(drawn: DrawnShip, runs: list) -> ps.Ship:
-    """The ship from her records."""
+    """The ship from its records."""
     trials = [ps.validated_trial(run, drawn.vessel) for run in runs]
     return ps.identify_ship(trials, drawn.vessel, draws=400, rng=1).ship
 

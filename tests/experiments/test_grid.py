@@ -80,7 +80,7 @@ def test_a_study_may_be_a_table(study, plain, tmp_path):
     assert tables(tmp_path) == tables(plain)
 
 
-def test_how_a_number_of_a_ship_came_about_does_not_change_her(study, small):
+def test_how_a_number_of_a_ship_came_about_does_not_change_it(study, small):
     grid = read_study(study)
     told = replace(grid, ships={"small": replace(grid.ships["small"], derived={"inertia.m": "0.0075"})})
     assert told.record() == grid.record()

@@ -1,4 +1,4 @@
-"""A ship of parts on the way of a PyMC user: posterior, forecast, report and model of her trajectory."""
+"""A ship of parts on the way of a PyMC user: posterior, forecast, report and model of its trajectory."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_every_parameter_is_in_the_posterior_and_narrower_than_its_prior(posteri
     assert ratio["N_P"] < 0.3 < 0.8 < ratio["T_nn"]
 
 
-def test_her_turn_is_forecast(posterior):
+def test_its_turn_is_forecast(posterior):
     vessel, turn = tanker(AHEAD), ps.turning_circle(35)
     bands = posterior_forecast(vessel, posterior, turn, draws=60, duration=1200, step=0.5, rng=1)["index_bands"]
     exact = float(ps.indices(ps.simulate(vessel, turn, duration=1200, step=0.5))["tactical_diameter"])
@@ -47,7 +47,7 @@ def test_her_turn_is_forecast(posterior):
     assert lower < exact < upper
 
 
-def test_her_posterior_is_diagnosed(posterior, tmp_path):
+def test_its_posterior_is_diagnosed(posterior, tmp_path):
     text = ps.diagnostic_report({"tanker": posterior}, tmp_path, tanker(AHEAD)).read_text(encoding="utf-8")
     assert "Parts, parameters times 1e5" in text
     for name in ("gamma_R", "kappa", "f2"):
@@ -55,7 +55,7 @@ def test_her_posterior_is_diagnosed(posterior, tmp_path):
 
 
 @pytest.mark.slow
-def test_her_trajectory_is_a_pymc_model(trial):
+def test_its_trajectory_is_a_pymc_model(trial):
     model = ps.trajectory_model(trial, tanker(AHEAD))
     point = model.initial_point()
     slope = model.compile_dlogp()(point)

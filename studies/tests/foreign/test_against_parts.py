@@ -17,7 +17,7 @@ BODY = ("added mass", "hull", "propeller", "rudder")
 
 
 def published(tmp_path) -> tuple[Vessel, dict[str, float]]:
-    """The tanker as a vessel of parts, and her published coefficients as parameters."""
+    """The tanker as a vessel of parts, and its published coefficients as parameters."""
     from studies.foreign.sailing import vessel_file
 
     ship = kvlcc2()

@@ -45,7 +45,7 @@ def test_a_ship_is_the_same_for_the_same_numbers():
 
 @pytest.mark.consistency
 @pytest.mark.parametrize("hull", HULLS)
-def test_she_is_none_of_the_published_ships_and_has_papers_that_the_package_reads(ships, hull):
+def test_it_is_none_of_the_published_ships_and_has_papers_that_the_package_reads(ships, hull):
     one = ships[hull]
     assert one.vessel.particulars.L > 50.0
     published = {"tanker": mmg.kvlcc2(), "mariner": mariner.Mariner(), "s175": s175.S175()}.get(hull, mmg.cargo())
@@ -61,7 +61,7 @@ def test_she_is_none_of_the_published_ships_and_has_papers_that_the_package_read
 
 @pytest.mark.consistency
 @pytest.mark.parametrize("hull", HULLS)
-def test_her_records_are_noisy_and_judged_sound(ships, hull):
+def test_its_records_are_noisy_and_judged_sound(ships, hull):
     one = ships[hull]
     for run, manoeuvre in enumerate([ps.zigzag(20, 20), ps.turning_circle(35), ps.pull_out(15, 90)]):
         record = one.record(manoeuvre, run)
@@ -70,7 +70,7 @@ def test_her_records_are_noisy_and_judged_sound(ships, hull):
 
 
 @pytest.mark.consistency
-def test_her_motion_is_measured_by_the_package_as_by_her_own_kind(ships):
+def test_its_motion_is_measured_by_the_package_as_by_its_own_kind(ships):
     one = ships["tanker"]
     for manoeuvre in (ps.turning_circle(35, side="starboard"), ps.zigzag(15, 15, side="starboard")):
         run = one.sail(manoeuvre, 25.0 * one.vessel.particulars.ship_time)

@@ -122,7 +122,7 @@ def mirror_gap(ship):
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_a_symmetric_ship_is_her_mirror_image(name):
+def test_a_symmetric_ship_is_its_mirror_image(name):
     assert mirror_gap(SYMMETRIC[name]) < 1e-12
 
 
@@ -247,7 +247,7 @@ def stopped(ship, **settings):
     return coarse(ship, trial, duration=150.0 * unit)
 
 
-def test_a_ship_stops_with_her_propeller_astern():
+def test_a_ship_stops_with_its_propeller_astern():
     ship = mmg.cargo()
     unit, n = ship.papers.unit, ship.papers.propeller["n"]
     run = stopped(ship)

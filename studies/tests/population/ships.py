@@ -52,7 +52,7 @@ def stranger(rng):
 
 
 def of_parts(rng, astern=1.0):
-    """A KVLCC2 of the parts that hold at any speed; her propeller pulls ``astern`` times as much as is typical."""
+    """A KVLCC2 of the parts that hold at any speed; its propeller pulls ``astern`` times as much as is typical."""
     vessel = ps.with_terms(ps.load_vessel("kvlcc2"), ANY_SPEED_SET)
     own = reference_coefficients(vessel)
     own[coefficient_names(vessel).index("T_nn")] *= astern

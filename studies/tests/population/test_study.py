@@ -79,7 +79,7 @@ def test_methods_are_of_grids():
         read_study(STUDY, {"mine": len})
 
 
-def test_a_ship_belongs_to_her_trials_and_number():
+def test_a_ship_belongs_to_its_trials_and_number():
     population = read_study(STUDY)
     first, again = (population.task(TrialsCell("some"), 4) for _ in range(2))
     other = population.task(TrialsCell("some"), 5)
@@ -235,7 +235,7 @@ def test_a_function_that_fails_ends_the_study_in_a_sentence(tmp_path):
 @pytest.mark.slow
 @pytest.mark.consistency
 def test_a_tanker_of_the_package_is_found_again():
-    """Beside the motion of a stranger, the broken twin, her forecasts do not hold."""
+    """Beside the motion of a stranger, the broken twin, its forecasts do not hold."""
     population = read_study(STUDY)
     result = judge(population.task(TrialsCell("two"), 0, "here"))
     assert (result["status"], result["sentence"], result["hull"], result["runs"]) == ("ok", "", "tanker", 2.0)

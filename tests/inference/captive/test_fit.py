@@ -127,7 +127,7 @@ def test_slopes_and_likelihood_are_of_the_same_coefficients(tanker):
 
 
 def test_revolutions_of_the_carriage_are_its_own(tanker):
-    """Tests at revolutions that are off by 6 %: the ship's own nominal ones stay, and so does her resistance."""
+    """Tests at revolutions that are off by 6 %: the ship's own nominal ones stay, and so does its resistance."""
     vessel, prior = tanker
     column = coefficient_names(vessel).index("n_0")
     held = replace(prior, scale=np.where(np.arange(prior.scale.size) == column, FIXED_SD, prior.scale))

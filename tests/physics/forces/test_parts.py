@@ -58,7 +58,7 @@ def mirrored(motion):
 
 @pytest.mark.parametrize(("names", "lowest"), [(AHEAD, 0.3), (ANY_SPEED, -0.6), (ROLLING, 0.3)])
 def test_a_ship_in_a_mirror_has_the_mirrored_forces(names, lowest):
-    """Her screw turns to the other side."""
+    """The screw turns to the other side."""
     vessel, motion = tanker(names), motions(lowest)
     if "wind" in names:
         motion |= {"wind_x": np.full(50, -0.5), "wind_y": np.full(50, 0.8), "psi": np.linspace(-2.0, 2.0, 50)}

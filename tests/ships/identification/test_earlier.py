@@ -100,7 +100,7 @@ def test_a_third_day_takes_the_first_two(second):
 
 
 def test_a_ship_that_has_changed_forgets(first):
-    """A fouled hull, damped more: earlier runs count for less than for the same ship, and the forecast is hers."""
+    """A fouled hull, damped more: earlier runs count for less than for the same ship, which the forecast shows."""
     scale = {"Yv": 1.6, "Nr": 1.6, "Ygv|v|": 1.6, "Xvv": 1.6}
     fouled = tanker().with_coefficients(
         {dof: [c.value * scale.get(c.name, 1.0) for c in force] for dof, force in tanker().forces.items()}
@@ -165,7 +165,7 @@ def known_hull():
 
 
 def test_another_facility_may_differ_in_what_is_its_own(known_hull):
-    """Her hull is the same; without a share of their own, the broken twin, all coefficients are let go."""
+    """The hull is the same; without a share of their own, the broken twin, all coefficients are let go."""
     runs, vessel, _ = of_parts(HULL | {"dgamma_R": 2.0, "N_P": -2.0}, facility="tank")
     found = ps.identify_ship(runs, vessel, prior=known_hull, draws=40, rng=1)
     shared, own = found.candidates[0].discrepancy_scales

@@ -29,7 +29,7 @@ RNG = np.random.default_rng
 
 
 def over_ground(run, current, course):
-    """Record in other axes, in which she begins on a course [rad], of a ship that drifts with a current [m/s]."""
+    """Record in other axes, which begins on a course [rad], of a ship that drifts with a current [m/s]."""
     heading = np.exp(1j * run["psi"].values)
     speed = run["u"].values + 1j * run["v"].values + current / heading
     track = (run["x"].values + 1j * run["y"].values) * np.exp(1j * course)
@@ -74,9 +74,9 @@ class TestForecastRows:
 
     @pytest.mark.parametrize(("manoeuvre", "course"), [(ps.zigzag(10, 10), 0.0), (ps.turning_circle(35), 2.0)])
     def test_a_run_over_ground_is_forecast_in_its_own_current(self, manoeuvre, course):
-        """Her speeds and track are over ground; the model knows her exactly, and the current of the run.
+        """Speeds and track are over ground; the model knows the ship exactly, and the current of the run.
 
-        Broken twin: without the current she approaches at the speed over ground.
+        Broken twin: without the current it approaches at the speed over ground.
         """
         vessel = parts((*AHEAD, "current"))
         values, places = (

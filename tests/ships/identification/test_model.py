@@ -33,7 +33,7 @@ SEEDS = range(12)
 
 
 def known():
-    """The tanker before she is tried: her steering gear is not what the file says."""
+    """The tanker before it is tried: its steering gear is not what the file says."""
     return replace(tanker(), particulars=replace(tanker().particulars, rudder_delay=0.0, rudder_rate_deg=5.0))
 
 
@@ -242,7 +242,7 @@ class TestOneRun:
         np.testing.assert_allclose(own.candidates[0].draws, lone.candidates[0].draws, rtol=1e-9)
 
     def test_the_prior_is_that_of_the_hull_where_a_draught_is_stated(self, lone):
-        """By default; her own values as a sister's keep more near the truth, and a wide prior less."""
+        """By default; its own values as a sister's keep more near the truth, and a wide prior less."""
         others = [identified(trials(0)[:1], prior=prior) for prior in ("sister_ship", "order_damped")]
         assert [one.ship.prior for one in (*others, lone)] == ["sister_ship", "order_damped", "hull_database"]
         true = reference_coefficients(tanker())
@@ -293,7 +293,7 @@ class TestOneRun:
 
     @pytest.mark.parametrize(("share", "kept"), [(0.09, False), (0.11, True)])
     def test_a_set_is_left_out_where_fewer_than_one_draw_in_ten_is_sound(self, monkeypatch, share, kept):
-        """Her estimate is; of the draws about it so many are, and of those of the ensemble all."""
+        """The estimate is feasible; of the draws about it so many are, and of those of the ensemble all."""
         monkeypatch.setattr(
             ship_candidates, "is_feasible", lambda vessel, rows: np.arange(len(rows)) < share * len(rows)
         )
@@ -366,7 +366,7 @@ class TestCoverage:
         assert self.covered(bands, name, tanker()) >= self.FEWEST
 
     @pytest.mark.parametrize("name", ["advance", "tactical_diameter"])
-    def test_they_do_not_hold_one_whose_rudder_turns_her_less(self, bands, name):
+    def test_they_do_not_hold_one_whose_rudder_turns_it_less(self, bands, name):
         """Broken twin: four fifths of the rudder's yaw moment."""
         yaw = [replace(c, value=0.8 * c.value) if c.name == "Ngsincos" else c for c in tanker().forces["yaw"]]
         other = replace(tanker(), forces=tanker().forces | {"yaw": tuple(yaw)})

@@ -32,7 +32,7 @@ def changed(vessel, name, factor):
 
 @pytest.fixture(scope="module")
 def spinning(tanker):
-    """Her rudder turns her thirty times as hard."""
+    """The rudder turns the ship thirty times as hard."""
     return changed(tanker, "Ngsincos", 30.0)
 
 

@@ -30,7 +30,7 @@ def trial(tanker):
     return ps.simulate(tanker, ps.zigzag(20, 20), duration=DURATION, step=0.5, method="rk4")
 
 
-def test_a_ship_replays_her_own_run(tanker, trial):
+def test_a_ship_replays_its_own_run(tanker, trial):
     tree = ps.replay(tanker, trial)
     for name in ("u", "v", "r", "psi", "x", "y"):
         size = np.ptp(trial[name].values)
@@ -52,7 +52,7 @@ def test_another_ship_replays_another_motion(tanker, trial):
     assert foreign.attrs["score"] > 10.0 * own.attrs["score"]
 
 
-def test_readings_of_the_ship_herself_lie_in_her_bands(tanker, trial):
+def test_readings_of_the_ship_itself_lie_in_its_bands(tanker, trial):
     """Of noisy readings 90 % lie in bands that are noise alone, but for the error of the smoothed start.
 
     Another ship, the broken twin, is not excused by it.

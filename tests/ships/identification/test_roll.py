@@ -1,4 +1,4 @@
-"""A ship that heels: sets with roll take part, and what is forecast of her roll is theirs."""
+"""A ship that heels: sets with roll take part, and what is forecast of its roll is theirs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TURN = ps.turning_circle(35)
 
 TANKER = ps.load_vessel("kvlcc2")
 KNOWN = replace(TANKER, forces=dict.fromkeys(TANKER.forces, ()))
-"""The tanker as her papers describe her, without coefficients and without stability."""
+"""The tanker as its papers describe it, without coefficients and without stability."""
 
 
 def tender(metacentre):
@@ -56,14 +56,14 @@ def sets_of(trials):
     return default_term_sets(_prepare(trials, KNOWN, "hull_database"))
 
 
-def test_sets_with_roll_take_part_where_she_heels_and_it_is_measured(trials):
+def test_sets_with_roll_take_part_where_it_heels_and_it_is_measured(trials):
     assert ROLL_SET in sets_of(trials)
     assert ROLL_SET not in sets_of([trial.drop_vars("p") for trial in trials])
     stiff = [trial.assign(phi=0.1 * trial["phi"]) for trial in trials]
     assert ROLL_SET not in sets_of(stiff)
 
 
-def test_her_heel_in_the_turn_is_forecast_from_the_zigzags(ship):
+def test_its_heel_in_the_turn_is_forecast_from_the_zigzags(ship):
     """By the interval of 80 %: that of 95 % has the heavy tail of the growth beyond the runs."""
     lower, median, upper = ps.forecast(ship, TURN, ci_prob=0.8, rng=1)["index_bands"]["maximum_roll_angle"].values
     assert lower < largest_heel(tender(0.4)) < upper
@@ -110,7 +110,7 @@ def test_a_ship_that_was_saved_with_one_size_of_error_has_it(ship, tmp_path):
     assert np.ptp(overshoot) > np.ptp(exact["first_overshoot_angle"].values)
 
 
-def test_stability_that_her_papers_leave_out_is_derived_and_said(ship):
+def test_stability_that_its_papers_leave_out_is_derived_and_said(ship):
     assert any("particulars.GM = 3.48 m (0.06 B), particulars.BM = " in remark for remark in ship.remarks)
     vessel = with_stability(KNOWN)
     assert np.sqrt(vessel.I_xx / vessel.m) * 320.0 / 58.0 == pytest.approx(0.375)

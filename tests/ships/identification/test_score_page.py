@@ -50,7 +50,7 @@ def test_missed_indices_head_the_page():
 
 
 def test_indices_of_recorded_manoeuvres_stand_beside_the_forecasts(scored):
-    """Less moment of the rudder: she begins to turn later and is checked later."""
+    """Less moment of the rudder: it begins to turn later and is checked later."""
     _, _, table = scored
     assert table["run"].values.tolist() == ["zigzag"]
     later = (table["forecast"] - table["measured"]).sel(run="zigzag")

@@ -1,4 +1,4 @@
-"""A ship of parts from her trials to her page, her files and her forecasts."""
+"""A ship of parts from its trials to its page, its files and its forecasts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SET = "modular"
 
 
 def known(vessel):
-    """The tanker as her papers describe her, without coefficients."""
+    """The tanker as its papers describe it, without coefficients."""
     return replace(vessel, forces=dict.fromkeys(vessel.forces, ()), parts=(), parameters=())
 
 
@@ -85,7 +85,7 @@ def test_the_page_shows_every_free_parameter_with_what_was_known_of_it(identific
     assert "Kijima" in text
 
 
-def test_she_is_saved_and_loaded(ship, tmp_path):
+def test_it_is_saved_and_loaded(ship, tmp_path):
     ps.save_ship(ship, tmp_path)
     loaded = ps.load_ship(tmp_path)
     assert loaded.vessel.parts == ship.vessel.parts
@@ -144,7 +144,7 @@ def test_nominal_revolutions_are_held_where_those_of_the_records_do_not_vary(tru
 
 
 def test_wrong_nominal_revolutions_are_found_from_measured_ones(truth):
-    """Of a vessel file that states a tenth too many; without the freedom she would be too fast."""
+    """Of a vessel file that states a tenth too many; without the freedom it would be too fast."""
     runs = [
         with_n(
             ps.simulate(truth, ps.zigzag(20, 20), n=factor * truth.propeller.n, **SETTINGS), factor * truth.propeller.n
@@ -169,7 +169,7 @@ def test_wrong_nominal_revolutions_are_found_from_measured_ones(truth):
     )
 
 
-def test_sets_for_a_ship_ahead_take_the_piece_in_which_she_is(truth, trials):
+def test_sets_for_a_ship_ahead_take_the_piece_in_which_it_is(truth, trials):
     """A long time at rest is a part of the record for parts at any speed alone."""
     rest = np.where(trials[0]["time"].values < 200.0, 0.05, 1.0)
     whole = trials[0].assign({name: trials[0][name] * rest for name in ("u", "v", "r")})
@@ -200,7 +200,7 @@ def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_p
 
 
 def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
-    """She stops between two pieces, and a third is too short; windows lie in both and in no other."""
+    """The ship stops between two pieces, and a third is too short; windows lie in both and in no other."""
     time, unit = trials[0]["time"].values, truth.particulars.ship_time
     last = time[-1] - 2.0 * unit
     stopped = ((time > 150.0) & (time < 190.0)) | ((time > last - 40.0) & (time < last))

@@ -69,7 +69,7 @@ def test_a_stable_ship_has_no_loop():
     rows = rows_of(turns)
     assert len(turns["delta"]) >= 11
     assert {name: row["corrected"] for name, row in rows.items()} == dict.fromkeys(rows, 0.0)
-    np.testing.assert_allclose(interval(rows["loop_width"]), [0.0, 5.0], atol=0.01)  # at 0 deg she still turns
+    np.testing.assert_allclose(interval(rows["loop_width"]), [0.0, 5.0], atol=0.01)  # at 0 deg it still turns
 
 
 def test_a_straight_course_between_turns_to_both_sides_leaves_no_room_for_a_loop():
