@@ -1,4 +1,4 @@
-"""A manoeuvre that begins while the ship gathers or loses way is no standard one, for every command alike."""
+"""A manoeuvre that begins while the ship gathers way, loses way or turns is no standard one, for every command."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.records.checks.plausibility import cut_to_piece
 from pymc_ship.records.steering.approach import UNSTEADY, WHOLE_APPROACH, approach_fault, speed_trend
@@ -75,6 +76,39 @@ def test_a_piece_that_begins_after_the_first_execute_is_no_standard_manoeuvre(ve
     assert piece.sizes["time"] < run.sizes["time"]
     assert recognise([piece], vessel)[0] == [None]
     assert "before the ship makes way ahead" in unrecognised_text(piece, vessel.particulars.ship_time)
+
+
+STEPS = {
+    "another angle": [-5.0, -5.0],
+    "weaving": [10.0, -10.0],
+    "a kick": [-10.0, 0.0],
+    "to the other side": [5.0, 5.0],
+}
+
+
+@pytest.mark.parametrize("before", STEPS.values(), ids=STEPS)
+def test_a_manoeuvre_that_begins_in_a_turn_is_no_standard_one(vessel, before):
+    unit = vessel.particulars.ship_time
+    when = unit * np.array([0.0, 3.0, 3.02, 4.0, 4.02, 5.0, 5.02, 30.0])
+    angles = np.deg2rad([0.0, 0.0, before[0], before[0], before[1], before[1], -35.0, -35.0])
+    settings = {"duration": float(round(30.0 * unit)), "record_interval": 1.0}
+    run = noisy(ps.simulate(vessel, ps.rudder_programme(when, angles), **settings), level=0.005)
+    assert abs(first_execute(run) - 5.0 * unit) < 0.2 * unit
+    assert recognise([run], vessel)[0] == [None]
+    assert "turns" in unrecognised_text(run, unit)
+    angles[2:6] *= 0.05
+    run = noisy(ps.simulate(vessel, ps.rudder_programme(when, angles), **settings), level=0.005)
+    assert recognise([run], vessel)[0][0].label == "turning circle 35 starboard"
+
+
+@pytest.mark.parametrize("manoeuvre", [ps.turning_circle(35), ps.zigzag(20, 20)])
+def test_a_record_that_begins_in_the_manoeuvre_is_no_standard_one(vessel, manoeuvre):
+    unit = vessel.particulars.ship_time
+    run = noisy(ps.simulate(vessel, manoeuvre, duration=float(round(20.0 * unit)), record_interval=1.0), level=0.005)
+    assert recognise([run], vessel)[0][0].label == manoeuvre.label
+    late = run.isel(time=slice(round(0.6 * unit), None))
+    assert recognise([late], vessel)[0] == [None]
+    assert "approach" in unrecognised_text(late, unit)
 
 
 def test_a_trend_needs_half_of_L_over_U_and_is_of_the_last_two():

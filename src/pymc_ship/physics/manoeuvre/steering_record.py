@@ -149,12 +149,17 @@ def _first_execute(delta: np.ndarray, time: np.ndarray) -> float:
     full = float(np.abs(np.median(delta[first:end])))
     rough = _line_begin(time, towards, (0.7 * full, 0.6 * full), 0.0)
     ahead = rough - time[: first + 1]
-    settled = towards[(ahead >= 0.0) & (ahead <= _LASTS * (time[end - 1] - time[first]))]
-    helm = float(np.median(settled)) if settled.size else float(towards[0])
-    if helm >= 0.5 * full:
-        return float(time[first])
-    way = full - helm
-    return max(float(time[0]), _line_begin(time, towards, (helm + 0.5 * way, helm + 0.25 * way), helm))
+    moving = time[first] - rough
+    for longest in (_LASTS * (time[end - 1] - time[first]), moving):
+        settled = towards[(ahead >= 0.0) & (ahead <= longest)]
+        helm = float(np.median(settled)) if settled.size else float(towards[0])
+        if helm >= 0.5 * full:
+            return float(time[first])
+        way = full - helm
+        begin = _line_begin(time, towards, (helm + 0.5 * way, helm + 0.25 * way), helm)
+        if rough - begin <= moving:  # else the line begins before another angle, which lasts
+            break
+    return max(float(time[0]), begin)
 
 
 def _line_begin(time: np.ndarray, rising: np.ndarray, levels: tuple[float, float], start: float) -> float:

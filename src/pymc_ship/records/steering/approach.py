@@ -1,4 +1,4 @@
-"""Whether a manoeuvre begins at a steady speed, as a standard one must."""
+"""Whether a manoeuvre begins at a steady speed and course, as a standard one must."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ import xarray as xr
 
 from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, least_squares
+from pymc_ship.trial.record import second_difference_sd
 
 WHOLE_APPROACH = "approach_fault"  # attribute of a piece of a record: what the record has for :func:`approach_fault`
 TOO_EARLY = "it begins before the ship makes way ahead"
 UNSTEADY = 0.05  # change of speed in L/U, over the speed, from which a manoeuvre is no standard one
+TURNING = 0.15  # rms yaw rate before the first execute, over the largest one, from which a manoeuvre is no standard one
 _LAST, _SHORTEST = 2.0, 0.5  # L/U before the first execute that are judged, and the least of them
+_JUST_BEFORE, _LARGEST = 1.0, 0.95  # L/U before it with this yaw rate; quantile of the largest yaw rate
 
 
 def speed_trend(time: np.ndarray, u: np.ndarray, unit: float) -> tuple[float, float]:
@@ -30,17 +33,30 @@ def speed_trend(time: np.ndarray, u: np.ndarray, unit: float) -> tuple[float, fl
 
 
 def approach_fault(trial: xr.Dataset, unit: float) -> str:
-    """Reason for which a manoeuvre of a record is no standard one; empty for one that begins at a steady speed.
+    """Reason for which a manoeuvre of a record is no standard one; empty if it begins at a steady speed and course.
 
     ``unit`` is L/U [s] of the ship.
     """
     if WHOLE_APPROACH in trial.attrs:
         return str(trial.attrs[WHOLE_APPROACH])
-    before = trial["time"].values <= first_execute(trial)
-    change, error = speed_trend(trial["time"].values[before], trial["u"].values[before], unit)
-    if not abs(change) > max(UNSTEADY, SIGNIFICANT * error):
+    time, execute = trial["time"].values, first_execute(trial)
+    before = time <= max(execute, time[0])
+    change, error = speed_trend(time[before], trial["u"].values[before], unit)
+    if abs(change) > max(UNSTEADY, SIGNIFICANT * error):
+        return (
+            f"it begins while the speed changes by {change:+.0%} in L/U, of a standard one by at most {UNSTEADY:.0%}; "
+            "wait for a steady speed"
+        )
+    r = trial["r"].values
+    largest, last = (
+        np.quantile(np.abs(r[time >= execute]), _LARGEST),
+        r[before & (time >= execute - _JUST_BEFORE * unit)],
+    )
+    noise, rate = second_difference_sd(r), float(np.sqrt(np.mean(last**2)))
+    if not rate > max(TURNING * largest, noise * (1.0 + SIGNIFICANT / np.sqrt(last.size))):
         return ""
+    remedy = "wait for a steady course" if before.sum() > 1 else "add the approach, which the record lacks"
     return (
-        f"it begins while the speed changes by {change:+.0%} in L/U, of a standard one by at most {UNSTEADY:.0%}; "
-        "wait for a steady speed"
+        f"it begins while the ship turns at {rate / largest:.0%} of its largest rate, a standard one below "
+        f"{TURNING:.0%}; {remedy}"
     )

@@ -61,7 +61,7 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     -------
     manoeuvres : list of Manoeuvre or None
         Of the first registered kind that recognises the record, such as a zigzag or a turning circle; None for any
-        other, and for one that begins while the speed changes by more than 5 % in L/U.
+        other, and for one that begins while the speed changes by more than 5 % in L/U or the ship turns.
     steering : Steering
         Medians over all reversals, and over all approaches.
 
