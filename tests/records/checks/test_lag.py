@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,21 @@ def test_all_channels_that_are_late_are_set_right(runs, container, kind):
         before = np.abs(late[name].sel(time=mended["time"]) - true[name]).max()
         assert float(np.abs(mended[name] - true[name]).max()) < 0.05 * float(before)
     assert "later" in mended.attrs["corrections"][0]
+
+
+@pytest.mark.parametrize("run", [0, 1])
+def test_late_positions_leave_the_velocities_alone(runs, container, run):
+    """A receiver that filters is late; velocities that are early do not exist."""
+    late = changed(runs[run], **{name: earlier(runs[run], runs[run][name].values, 3.0) for name in ("x", "y")})
+    mended = ps.validated_trial(late, container)
+    true = runs[run].sel(time=mended["time"])
+    for name in ("u", "v"):
+        assert (mended[name] == true[name]).all()
+    for name in ("x", "y"):
+        settled = slice(20.0, None)  # x, y before the first sample are not known
+        before, after = (np.abs((one[name] - true[name]).sel(time=settled)).max() for one in (late, mended))
+        assert float(after) < 0.05 * float(before)
+    assert re.fullmatch(r"x and y taken from (2.9\d|3.0?\d?) s later.", mended.attrs["corrections"][0])
 
 
 def test_a_lever_arm_is_no_lag(runs, container):

@@ -51,6 +51,13 @@ def corrected(day):
     return ps.sea_trial(day, tanker(), ship=ship(), conditions=DAY, rng=1)
 
 
+def test_a_run_that_is_given_twice_is_named():
+    run = run_record(ZIGZAG, 600, wind=None, current=None)
+    other = run_record(ps.zigzag(10, 10, side="starboard"), 600, wind=None, current=None)
+    named = [one for one in ps.sea_trial({"a": run, "b": other, "c": run}, tanker(), rng=1).remarks if "motion" in one]
+    assert [one.split(" are ")[0] for one in named] == ["Runs a and c"]
+
+
 @pytest.mark.parametrize(
     ("run", "index"),
     [

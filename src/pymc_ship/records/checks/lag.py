@@ -31,16 +31,27 @@ _CONVERGED = 1e-4  # s
 
 @dataclass(frozen=True)
 class VelocityLag:
-    """Lag [s] of the velocities behind the track, of a kind in :data:`READINGS`, and its standard error [s]."""
+    """Lag [s] of the velocities behind the track, of a kind in :data:`READINGS`, and its standard error [s].
+
+    A negative one of earth-fixed velocities is a lag of the track: sensors are late, never early.
+    """
 
     kind: str
     seconds: float
     error: float
 
+    @property
+    def is_of_track(self) -> bool:
+        """Whether x and y are late, and not the velocities."""
+        return self.kind == "earth" and self.seconds < 0.0
 
-def shift_velocities(trial: xr.Dataset, lag: VelocityLag) -> xr.Dataset:
-    """Trial with u and v moved forward by their lag; samples at the end without a value are cut."""
+
+def without_lag(trial: xr.Dataset, lag: VelocityLag) -> xr.Dataset:
+    """Trial with u and v, or x and y, moved forward by their lag; samples at the end without a value are cut."""
     time = trial["time"].values
+    if lag.is_of_track:
+        track = {name: ("time", _later(time, trial[name].values, -lag.seconds), trial[name].attrs) for name in "xy"}
+        return trial.assign(track).isel(time=time - lag.seconds <= time[-1])
     if lag.kind == "earth":
         x_dot, y_dot = (_later(time, values, lag.seconds) for values in earth_velocity(trial))
         trial = trial.assign(u=("time", x_dot, trial["u"].attrs), v=("time", y_dot, trial["v"].attrs))
@@ -102,19 +113,30 @@ def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = N
     numbers += (("lag over L/U", fits["earth"][0] / scale.time, ""),)
     if known:
         numbers += ((f"lag of all runs, {known.kind}", known.seconds, "s"),)
-        text = f"The velocities of all runs lag the track by {known.seconds:.2g} s, {READINGS[known.kind]}; shift them."
+        text = f"{_lag_text(known, ' of all runs')}; shift them."
         return Check(NAME, "doubtful", text, numbers, mendable=True)
     kind = min(fits, key=lambda name: fits[name][2])
     seconds, error, misfit = fits[kind]
+    found = VelocityLag(kind, seconds, error)
     matters = abs(seconds) > max(LAG * scale.time, sampling_interval(trial), SIGNIFICANT * error)
     if not matters or misfit >= arm_misfit or abs(seconds) >= LONGEST_LAG * scale.time:
         text = f"The velocities do not lag the track ({seconds:.2g} s, error {error:.1g} s)."
         return Check(NAME, "good", text, numbers)
-    text = (
-        f"The velocities lag the track by {seconds:.2g} s, {READINGS[kind]}: the misfit is {misfit:.2g} m, "
-        f"with a lever arm {arm_misfit:.2g} m; shift them."
-    )
+    text = f"{_lag_text(found)}: the misfit is {misfit:.2g} m, with a lever arm {arm_misfit:.2g} m; shift them."
     return Check(NAME, "doubtful", text, numbers, mendable=True)
+
+
+def _lag_text(lag: VelocityLag, whose: str = "") -> str:
+    if lag.is_of_track:
+        return f"The positions{whose} lag the velocities by {-lag.seconds:.2g} s"
+    return f"The velocities{whose} lag the track by {lag.seconds:.2g} s, {READINGS[lag.kind]}"
+
+
+def lag_correction(check: Check) -> str:
+    """What :func:`without_lag` does by a check."""
+    lag = lag_of(check)
+    channels = "x and y" if lag.is_of_track else "u and v"
+    return f"{channels} taken from {abs(lag.seconds) if lag.is_of_track else lag.seconds:.3g} s later."
 
 
 def explains_better(check: Check, scale: ShipScale) -> bool:

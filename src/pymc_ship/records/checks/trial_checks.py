@@ -13,7 +13,7 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, track
-from pymc_ship.records.checks.lag import VelocityLag, explains_better, lag_check, lag_of, shift_velocities
+from pymc_ship.records.checks.lag import VelocityLag, explains_better, lag_check, lag_correction, lag_of, without_lag
 from pymc_ship.records.checks.revolutions_and_wind import revolutions_check, wind_check
 from pymc_ship.records.checks.verdicts import Check, not_checked
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
@@ -353,7 +353,7 @@ _MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
     "roll rate offset": lambda trial, check: _subtract(trial, "p", np.deg2rad(check.value("offset"))),
     "velocity axes": _in_body_axes,
     "motion ahead": plausibility.cut_to_piece,
-    "velocity lag": lambda trial, check: shift_velocities(trial, lag_of(check)),
+    "velocity lag": lambda trial, check: without_lag(trial, lag_of(check)),
     "lever arm": lambda trial, check: _subtract(trial, "v", -check.value("lever arm") * trial["r"].values),
     "rudder zero": lambda trial, check: _subtract(trial, "delta", np.deg2rad(_zero(check))),
 }
@@ -366,7 +366,7 @@ _CORRECTION_TEXT: dict[str, Callable[[Check], str]] = {
     "gyro offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from r.",
     "roll rate offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from p.",
     "velocity axes": lambda check: "Earth-fixed velocities turned to u, v in body axes.",
-    "velocity lag": lambda check: f"u and v taken from {lag_of(check).seconds:.3g} s later.",
+    "velocity lag": lag_correction,
     "motion ahead": lambda check: f"Cut to the piece from {check.value('from'):.4g} to {check.value('until'):.4g} s.",
     "lever arm": lambda check: f"{check.value('lever arm'):+.3f} m times r added to v.",
     "rudder zero": lambda check: f"{_zero(check):+.2f} deg subtracted from delta.",

@@ -17,6 +17,7 @@ from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.run_set import repeated_runs
 from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.measured import order_delay, order_sentence
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
@@ -160,6 +161,7 @@ def sea_trial(
         turns=steady_turns(ship) if runs.spirals and ship is not None else None,
         remarks=(
             *mirror_remarks(records),
+            *repeated_runs(records),
             *runs.left_out,
             *model_remarks,
             *current_remarks,
