@@ -77,3 +77,47 @@ def test_invalid_fields_are_missing(run, read):
     lines = [sentence(line[1:-3]) if line.startswith("$") else line for line in lines]
     kept = [line[: line.index("$")] + sentence(line[line.index("$") + 1 : -3]) for line in lines if "$" in line]
     assert "r" not in read("\n".join(kept))
+
+
+def test_sentences_without_checksums_are_read_and_said(run, read):
+    trial = read("\n".join(line.rpartition("*")[0] for line in log(run, stamped=True)))
+    np.testing.assert_allclose(np.ptp(trial["psi"].values), np.ptp(run["psi"].values), atol=1e-3)
+    assert "no checksum" in trial.attrs["reading"]
+    assert "no checksum" not in read("\n".join(log(run, stamped=True))).attrs["reading"]
+
+
+@pytest.mark.parametrize("tags", ["\\s:VDR1,c:{epoch}*5A\\", "\\g:1-2-3,c:{epoch},s:GP01*00\\", "[{epoch}] "])
+def test_the_clock_of_a_tag_block_or_a_bracket_is_the_stamp(run, read, tags):
+    """Not the UTC of the fixes, which this log lacks."""
+    lines, epochs = [], iter(1000 * 1_777_881_600 + np.round(1000.0 * run["time"].values).astype(int))
+    for line in log(run, stamped=False)[1:]:
+        if "GGA" in line:
+            epoch = next(epochs)
+        else:
+            lines.append(tags.format(epoch=epoch) + line)
+    trial = read("\n".join(lines))
+    assert float(trial["time"][-1] - trial["time"][0]) == pytest.approx(
+        float(run["time"][-1] - run["time"][0]), abs=0.3
+    )
+
+
+def test_a_port_rudder_alone_is_the_rudder(run, read):
+    lines = [line for line in log(run, stamped=True) if "RSA" not in line]
+    rudder = [line.partition("$") for line in log(run, stamped=True) if "RSA" in line]
+    for stamp, _, body in rudder:
+        angle = body.split(",")[1]
+        lines.append(stamp + sentence(f"AGRSA,,V,{angle},A"))
+    trial = read("\n".join(sorted(lines)))
+    both = read("\n".join(log(run, stamped=True)))
+    np.testing.assert_allclose(np.ptp(trial["delta"].values), np.ptp(both["delta"].values), atol=1e-3)
+    assert "port rudder alone" in trial.attrs["reading"]
+
+
+def test_a_fix_of_quality_0_is_none(run, read):
+    lines = [line if "GGA" not in line else _without_fix(line) for line in log(run, stamped=True)]
+    assert "x" not in read("\n".join(lines))
+
+
+def _without_fix(line):
+    stamp, _, body = line.partition("$")
+    return stamp + sentence(body.rpartition("*")[0].replace(",1,08,", ",0,00,"))

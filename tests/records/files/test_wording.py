@@ -118,7 +118,14 @@ test_trial_errors = wording(
         lambda read: read(b"\x89MCAP0\r\n" + bytes(40), "run.mcap"),
     ),
     (r"cannot be read as xlsx: File is not a zip file", lambda read: read(b"PK\x03\x04" + bytes(40), "run.xlsx")),
-    (r"a latitude is within 90 deg", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,95,2\n2,1,2\n")),
+    (
+        r"a latitude is within 90 deg .*; found degrees and minutes in one number; convert them\.$",
+        lambda read: read("time,lat [deg],lon [deg]\n0,5329.8,806.01\n1,5329.81,806.03\n2,5329.82,806.05\n"),
+    ),
+    (
+        r"a latitude is within 90 deg .*; correct the unit\.$",
+        lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,95,2\n2,1,2\n"),
+    ),
     (r"lies within 100 km, found positions 1", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,2,2\n2,1,2\n")),
     (r"positive angles that turn to port, but to starboard in b.csv; check", of_two_sides),
     *(

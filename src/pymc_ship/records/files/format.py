@@ -253,8 +253,11 @@ def _local_plane(latitude: np.ndarray, longitude: np.ndarray, where: str) -> tup
             "pip install 'pymc-ship[formats]', or give x and y."
         ) from None
     fixes = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
-    if not fixes.size or np.abs(latitude[fixes]).max() > 0.5 * np.pi or np.abs(longitude[fixes]).max() > 2.0 * np.pi:
-        raise TrialError(f"{where}: a latitude is within 90 deg and a longitude within 360 deg; correct the unit.")
+    degrees = np.abs(np.rad2deg([latitude[fixes], longitude[fixes]]))
+    if not fixes.size or (degrees > [[90.0], [360.0]]).any():
+        with_minutes = fixes.size and (degrees < [[9000.0], [18000.0]]).all() and (degrees % 100.0 < 60.0).all()
+        reason = "found degrees and minutes in one number; convert them" if with_minutes else "correct the unit"
+        raise TrialError(f"{where}: a latitude is within 90 deg and a longitude within 360 deg; {reason}.")
     first = (latitude[fixes[0]], longitude[fixes[0]], 0.0)
     east, north, _ = geodetic2enu(latitude, longitude, 0.0, *first, deg=False)
     far = float(np.nanmax(np.hypot(east, north)))

@@ -370,12 +370,13 @@ _READERS: Mapping[str, Callable[[Path], Table]] = {
 _IN_C = ("NetCDF", "MAT", "MAT 7.3", "ROS bag")  # kinds that a process of its own reads
 
 
-_BEFORE = " ,;\t"  # between the stamp of a logger and a sentence
+_BEFORE = " ,;\t[]"  # about the stamp of a logger, which stands before a sentence
+_TAGS = re.compile(r"\\(?:[^\\]*\bc:(\d+))?[^\\]*\\")  # tag block of IEC 61162-450, with its clock if it has one
 _SENTENCE = re.compile(r"[$!][A-Z]{5},")
 _NMEA = {  # unit, and type and fields of the sentences of each quantity, the first choice first
     "psi": ("deg", (("HDT", "heading"),)),
     "r": ("deg/min", (("ROT", "rate_of_turn"),)),
-    "delta": ("deg", (("RSA", "rsa_starboard"),)),
+    "delta": ("deg", (("RSA", "rsa_starboard"), ("RSA", "rsa_port"))),
     "u": ("kn", (("VBW", "lon_water_spd"), ("VHW", "water_speed_knots"))),
     "v": ("kn", (("VBW", "trans_water_spd"),)),
     "sog": ("kn", (("VTG", "spd_over_grnd_kts"), ("RMC", "spd_over_grnd"))),
@@ -401,12 +402,13 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
         import pynmea2
     except ImportError:
         raise TrialError(f"{path}: NMEA 0183 needs pynmea2, found none; pip install 'pymc-ship[formats]'.") from None
+    summed = sum("*" in line for line in first) > _SHORTEST_LOG * len(first)
     readings, damaged, utc = [], 0, ""
     for line in lines:
         matched = _SENTENCE.search(line)
         begin = matched.start() if matched else 0
         try:
-            message = pynmea2.parse(line[begin:].strip(), check=True) if matched else None
+            message = pynmea2.parse(line[begin:].strip(), check=summed) if matched else None
         except pynmea2.SentenceTypeError:
             continue
         except (pynmea2.ParseError, ValueError, TypeError):
@@ -416,7 +418,7 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
             continue
         with suppress(AttributeError, ValueError, TypeError):
             utc = f"{message.timestamp:%H:%M:%S.%f}" if message.timestamp else utc
-        readings.append((line[:begin].strip(_BEFORE), utc, message))
+        readings.append((_TAGS.sub(r"\1", line[:begin]).strip(_BEFORE), utc, message))
     logger = sum(bool(stamp) for stamp, _, _ in readings) > 0.5 * len(readings)
     sources, notes = _sensors([message for _, _, message in readings])
     rows: list[dict[str, str]] = []
@@ -431,6 +433,7 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
         else:
             rows.append({"time": time, **cells})
     notes += [f"{damaged} damaged sentences left out."] if damaged else []
+    notes += [] if summed else ["The sentences have no checksum, which would show damaged ones."]
     columns = {name: [row.get(name, "") for row in rows] for name in ("time", *sources)}
     return columns, {name: _NMEA[name][0] for name in sources}, notes
 
@@ -443,19 +446,20 @@ def _sensor(message: Any) -> str:
 
 def _sensors(messages: Sequence[Any]) -> tuple[dict[str, tuple[str, str]], list[str]]:
     """Sensor and field of each quantity, and a sentence on the sensors that are not used."""
-    counts = Counter((message.sentence_type, _sensor(message)) for message in messages)
     sources = {}
     for name, (_, choices) in _NMEA.items():
         for kind, of in choices:
-            known = {sensor: count for (one, sensor), count in counts.items() if one == kind}
-            if known:
+            given = [message for message in messages if message.sentence_type == kind and _field(message, of)]
+            if known := Counter(map(_sensor, given)):
                 sources[name] = (max(known, key=lambda sensor: known[sensor]), of)
                 break
     used = {sensor for sensor, _ in sources.values()}
-    unused = sorted({sensor for _, sensor in counts} - used)
+    unused = sorted(set(map(_sensor, messages)) - used)
     notes = ["NMEA 0183: " + ", ".join(f"{name} of {sensor}" for name, (sensor, _) in sources.items()) + "."]
     notes += [f"Sensors left out: {', '.join(unused)}."] if unused else []
-    if any(message.sentence_type == "RSA" and _field(message, "rsa_port") for message in messages):
+    if sources.get("delta", ("", ""))[1] == "rsa_port":
+        notes.append("RSA has a port rudder alone: delta is that one.")
+    elif any(message.sentence_type == "RSA" and _field(message, "rsa_port") for message in messages):
         notes.append("RSA has a port rudder, which is left out: delta is the starboard one.")
     return sources, notes
 
@@ -463,7 +467,8 @@ def _sensors(messages: Sequence[Any]) -> tuple[dict[str, tuple[str, str]], list[
 def _field(message: Any, name: str) -> str:
     """Number of a field as text; empty if it is missing or declared invalid."""
     status = _STATUS.get(name, "status")
-    if str(getattr(message, status, "A") or "A") == "V" or (name.endswith("itude") and not getattr(message, "lat", "")):
+    is_fix = getattr(message, "lat", "") and str(getattr(message, "gps_qual", "1")) != "0"
+    if str(getattr(message, status, "A") or "A") == "V" or (name.endswith("itude") and not is_fix):
         return ""
     try:
         value = getattr(message, name, "")
