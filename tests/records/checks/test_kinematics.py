@@ -9,6 +9,7 @@ import pymc_ship as ps
 from pymc_ship.records.checks.kinematics import RateFit, _rate_scale_check
 from pymc_ship.records.checks.mistakes import UNEXPLAINED
 from pymc_ship.records.checks.track import earth_velocity
+from pymc_ship.trial.units import KNOT
 from tests.records.checks.cases import alarms, changed, checks_by_name, lever, noisy, offset, simulated, steered, units
 
 
@@ -65,8 +66,8 @@ def test_a_lever_arm_needs_no_vessel_but_a_turn_that_changes(circle, zigzag):
     assert checks_by_name(lever(circle))["lever arm"].verdict == "not checked"
 
 
-def knots(trial):
-    return changed(trial, u=trial["u"].values / 0.514444, v=trial["v"].values / 0.514444)
+def faster(factor):
+    return lambda trial: changed(trial, **{name: factor * trial[name].values for name in ("u", "v")})
 
 
 def all_in_degrees(trial):
@@ -81,7 +82,8 @@ BAD = {
     "p in deg/s": (units("p", 180.0 / np.pi), "roll rate", "p is in deg/s"),
     "phi flipped": (units("phi", -1.0), "roll rate", "opposite sign"),
     "psi and r in deg": (all_in_degrees, "heading", "unit and sign of psi"),
-    "speeds in knots": (knots, "speed", "knots taken for m/s"),
+    "speeds in knots": (faster(1.0 / KNOT), "speed", "as of knots taken for m/s; state"),
+    "km/h as knots": (faster(3.6 * KNOT), "speed", "as of km/h that were converted as knots; state"),
     "v flipped": (units("v", -1.0), "sway sign", "flip its sign"),
     "delta in deg": (units("delta", 180.0 / np.pi), "rudder unit", "it is in deg"),
     "delta flipped": (units("delta", -1.0), "rudder sign", "turns the ship to starboard"),

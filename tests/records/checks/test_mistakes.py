@@ -188,7 +188,13 @@ def test_a_rate_that_follows_its_angle_late_is_named(ship, spoil, words, verdict
 
 @pytest.mark.parametrize(
     ("factor", "words"),
-    [(1.0 / KNOT, "knots taken for m/s"), (3.6, "km/h taken for m/s"), (1.0 / 7.0, "check unit and calibration of v")],
+    [
+        (1.0 / KNOT, "knots taken for m/s"),
+        (3.6 * KNOT, "km/h that were converted as knots"),
+        (1.0 / (3.6 * KNOT), "knots that were converted as km/h"),
+        (3.6, "km/h taken for m/s"),
+        (1.0 / 7.0, "check unit and calibration of v"),
+    ],
 )
 @pytest.mark.parametrize("ship", ["container", "kvlcc2"])
 def test_v_in_another_unit_than_u_is_no_lag(ship, factor, words):

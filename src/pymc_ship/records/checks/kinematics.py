@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from pymc_ship.records.checks.mistakes import SPEED_UNITS, UNEXPLAINED, Mistake, explanation
+from pymc_ship.records.checks.mistakes import UNEXPLAINED, Mistake, explanation, speed_units
 from pymc_ship.records.checks.verdicts import (
     SLOW,
     Check,
@@ -287,10 +287,10 @@ def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return Check("speed", "bad", "The ship does not move; check u, v, x and y.")
     ratio = float(distance / distance_from_speed)
     numbers = (("track over velocity", ratio, ""),)
-    for factor, (mistake, key) in SPEED_UNITS.items():
-        if abs(np.log(ratio / factor)) < _LOG_WIDTH:
-            text = f"The track is {ratio:.4g} times the distance from u and v, as of {mistake}; state {key}."
-            return Check("speed", "bad", text, numbers)
+    mistakes, keys = speed_units(ratio, _LOG_WIDTH)
+    if mistakes:
+        text = f"The track is {ratio:.4g} times the distance from u and v, as of {mistakes}; state {keys}."
+        return Check("speed", "bad", text, numbers)
     if abs(ratio - 1.0) > SPEED_BAD:
         text = f"The track is {ratio:.4g} times the distance from u and v; check the units of u, v, x, y and time."
         return Check("speed", "bad", text, numbers)

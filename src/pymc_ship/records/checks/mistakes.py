@@ -22,6 +22,7 @@ from pymc_ship.trial.units import KNOT
 BETTER, PAIR = 2.0, 2.0  # ratio of misfits from which a mistake explains a record, and a pair a single one's
 EXPLAINED = 0.2  # largest misfit over its signal of a record that is explained
 UNEXPLAINED = "no known mistake, or pair, explains it"
+_AS_NEAR = 0.02  # difference of logarithms up to which two units explain a speed alike
 _DEG = np.pi / 180.0
 
 Mend = Callable[[xr.Dataset], xr.Dataset]
@@ -107,12 +108,25 @@ SPEED_UNITS = {
     0.3048: ("ft/s taken for m/s", 'unit = "ft/s"'),
     1.0 / KNOT: ("m/s that were converted as knots, or a track in nautical units", 'unit = "m/s"'),
     3.6: ("m/s that were converted as km/h", 'unit = "m/s"'),
+    1.0 / (3.6 * KNOT): ("km/h that were converted as knots", 'unit = "km/h"'),
+    3.6 * KNOT: ("knots that were converted as km/h", 'unit = "kn"'),
     0.001: ("mm/s taken for m/s, or a track in km", 'unit = "km" for x and y'),
     1.0 / 0.3048: ("m/s that were converted as ft/s, or a track in feet", 'unit = "ft" for x and y'),
     1.0 / 1852.0: ("1852 times too large, or a track in nautical miles", 'unit = "nmi" for x and y'),
     1000.0: ("km/s taken for m/s, or a track in mm", 'unit = "mm" for x and y'),
 }
 """Factor that a wrong speed lacks, its words and its key."""
+
+
+def speed_units(factor: float, width: float) -> tuple[str, str]:
+    """Words and keys of the :data:`SPEED_UNITS` nearest to a factor, within a ``width`` of its logarithm."""
+    distance = {known: abs(np.log(factor / known)) for known in SPEED_UNITS}
+    farthest = min(width, min(distance.values()) + _AS_NEAR)
+    near = [
+        SPEED_UNITS[known] for known in sorted(distance, key=lambda one: distance[one]) if distance[known] <= farthest
+    ]
+    return " or ".join(words for words, _ in near), " or ".join(key for _, key in near)
+
 
 SIGNS = tuple(_reversed(name) for name in ("delta", "v", "r"))  # that one run alone may have
 

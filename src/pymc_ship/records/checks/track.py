@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.records.checks.kinematics import YAW_BLOCK, roll_angle
-from pymc_ship.records.checks.mistakes import SPEED_UNITS
+from pymc_ship.records.checks.mistakes import speed_units
 from pymc_ship.records.checks.verdicts import Check, integral, missing_channels_text, not_checked
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.trial.record import sampling_interval
@@ -141,9 +141,8 @@ def _sway_scale_text(
     if left * BETTER >= misfit:
         return ""
     text = f"u and v miss the track by {misfit:.2g} m/s, with {factor:.3g} v by {left:.2g} m/s"
-    for known, (words, _) in SPEED_UNITS.items():
-        if abs(np.log(factor / known)) < V_UNIT:
-            return f"{text}: v is probably {words.split(',')[0]}; state its unit."
+    if words := speed_units(factor, V_UNIT)[0]:
+        return f"{text}: v is probably {words.split(',')[0]}; state its unit."
     return f"{text}: check unit and calibration of v; a drift angle is no velocity."
 
 
