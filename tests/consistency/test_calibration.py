@@ -222,5 +222,5 @@ class TestJointDistribution:
 class TestErrors:
     def test_counts(self):
         rng = np.random.default_rng(1)
-        with refused(ValueError, "draws", 1, 99):
+        with refused(ValueError, "simulations", 1, 0):
             simulation_based_calibration(*case("conjugate"), simulations=0, rng=rng)

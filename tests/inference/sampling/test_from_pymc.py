@@ -139,7 +139,7 @@ def test_shipped_priors_are_centred(prior):
 def test_settings_of_the_sampler_are_checked():
     rng = np.random.default_rng(1)
     for prior in (PRIOR, ps.horseshoe):
-        with refused(ValueError, "acceptance", 1.0):
+        with refused(ValueError, "target_accept", 1.0):
             nuts_posterior(DATA, prior, rng=rng, target_accept=1.0)
     with refused(ValueError, "stan"):
         nuts_posterior(DATA, PRIOR, rng=rng, sampler="stan")
