@@ -42,8 +42,8 @@ test_trial_errors = wording(
         lambda: ps.trajectory_posterior(3, "kvlcc2", rng=RNG),
     ),
     (
-        "found 1 trials, 1 names and 1 draws",
-        lambda zigzag_trial: ps.identify_ship(zigzag_trial, "kvlcc2", draws=1, rng=RNG),
+        "found 1 trials and 2 names",
+        lambda zigzag_trial: ps.identify_ship(zigzag_trial, "kvlcc2", names=("a", "b"), rng=RNG),
     ),
 )
 
