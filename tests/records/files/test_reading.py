@@ -36,6 +36,15 @@ class TestText:
         assert_same(trial, run)
         assert trial.attrs["reading"] == "Decimal commas read as points."
 
+    @pytest.mark.parametrize("marks", [",.", ".,"])
+    def test_separators_of_thousands(self, run, read, marks):
+        """1,002.48 and 1.002,48: both marks in one cell leave no doubt."""
+        table = columns(run) | {"x": 1000.0 * columns(run)["x"]}
+        swap = str.maketrans(",.", marks)
+        trial = read(written(table, ";", cell=lambda value: f"{value:,.6f}".translate(swap)))
+        np.testing.assert_allclose(trial["x"], table["x"], atol=1e-6)
+        assert trial.attrs["reading"].startswith("Thousands separators of ")
+
     def test_numbers_that_no_sensor_tells_from_zero_are_zero(self, read):
         trial = read("time,u,v\n0,5,1e-300\n1,5,-4e-31\n2,5,2e-30\n")
         np.testing.assert_array_equal(trial["v"], [0.0, 0.0, 2e-30])

@@ -47,6 +47,7 @@ _FEWEST_LINES, _MOST_TITLES = 4, 50  # lines of a table that have titles before 
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
 _LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
 _SIDES = ("port", "starboard")
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:([.,])\d{3})(?:\1\d{3})*(?!\1)[.,]\d*")  # a number with both marks
 _AROUND_UNITS = " []{}()-"
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
@@ -441,6 +442,12 @@ def _with_nanoseconds(table: TextTable) -> TextTable:
     return replace(table, headings=headings, rows=rows, notes=notes)
 
 
+def _without_thousands(cells: list[str]) -> tuple[list[str], int]:
+    """Cells without the separators of groups of three digits before a decimal mark, and the number of such cells."""
+    plain = [cell.replace(grouped[1], "") if (grouped := _THOUSANDS.fullmatch(cell)) else cell for cell in cells]
+    return plain, sum(one != cell for one, cell in zip(plain, cells, strict=True))
+
+
 def _stamps(table: TextTable, column: Column) -> list[str]:
     """Stamps if most of them are text, empty where missing; no item if most are numbers."""
     stamps = [row[column.index].strip()[:_LONGEST_STAMP] for row in table.rows]
@@ -452,11 +459,17 @@ def _stamps(table: TextTable, column: Column) -> list[str]:
 def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     """Numbers of each column, NaN for missing cells."""
     texts = {name: [row[column.index].strip() for row in table.rows] for name, column in columns.items()}
+    notes = []
     joined = {name: "".join(cells) for name, cells in texts.items()}
+    for name in [name for name, text in joined.items() if "," in text and "." in text]:
+        texts[name], count = _without_thousands(texts[name])
+        joined[name] = "".join(texts[name])
+        notes += [f"Thousands separators of {count} cells of {columns[name].heading} left out."] if count else []
     comma = any("," in text for text in joined.values()) and not any("." in text for text in joined.values())
     if comma:
         texts = {name: [cell.replace(",", ".") for cell in cells] for name, cells in texts.items()}
-    numbers, notes = {}, ["Decimal commas read as points."] if comma else []
+        notes.append("Decimal commas read as points.")
+    numbers = {}
     for name, cells in texts.items():
         values = _numbers(cells)
         if None in values:
