@@ -135,8 +135,8 @@ def _lag_text(lag: VelocityLag, whose: str = "") -> str:
 def lag_correction(check: Check) -> str:
     """What :func:`without_lag` does by a check."""
     lag = lag_of(check)
-    channels = "x and y" if lag.is_of_track else "u and v"
-    return f"{channels} taken from {abs(lag.seconds) if lag.is_of_track else lag.seconds:.3g} s later."
+    channels, seconds = ("x and y", -lag.seconds) if lag.is_of_track else ("u and v", lag.seconds)
+    return f"{channels} taken from {seconds:.3g} s later."
 
 
 def explains_better(check: Check, scale: ShipScale) -> bool:

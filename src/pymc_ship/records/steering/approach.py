@@ -48,10 +48,8 @@ def approach_fault(trial: xr.Dataset, unit: float) -> str:
             "wait for a steady speed"
         )
     r = trial["r"].values
-    largest, last = (
-        np.quantile(np.abs(r[time >= execute]), _LARGEST),
-        r[before & (time >= execute - _JUST_BEFORE * unit)],
-    )
+    last = r[before & (time >= execute - _JUST_BEFORE * unit)]
+    largest = float(np.quantile(np.abs(r[time >= execute]), _LARGEST))
     noise, rate = second_difference_sd(r), float(np.sqrt(np.mean(last**2)))
     if not rate > max(TURNING * largest, noise * (1.0 + SIGNIFICANT / np.sqrt(last.size))):
         return ""
