@@ -47,7 +47,7 @@ DURATION, STEP, INTERVAL = 400.0, 0.02, 1.0
 MANOEUVRES = {"zigzag": zigzag(10, 10), "turning_circle": turning_circle(35)}
 """Manoeuvres that are forecast."""
 
-_BY_ROW = ("log_likelihood", "posterior_predictive")  # large; posterior and design give them again
+_BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")  # large; draws and design give them again
 
 TRAJECTORY_PRIORS = ("flat", "order_damped")
 """Priors of the trajectory fits; the last one forecasts."""
