@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pymc_ship.diagnostics.tables import AGREEMENT, ENDS, agreement_rows, agreement_table
+from pymc_ship.inference.identifiability.bound import ERROR_LIMITS
 from pymc_ship.pages.tables import Columns, Table, fixed_point, heads, number, table
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.indices import indices
@@ -17,7 +18,7 @@ from pymc_ship.replication.scores import coefficient_rows, relative_error
 from pymc_ship.replication.study import MANOEUVRES, StudyResult
 from pymc_ship.trial.channels import default_channels
 
-ERROR_COUNTS: Columns = {f"under_{k}": (f"< {k} %", fixed_point(0)) for k in (5, 20, 50)}
+ERROR_COUNTS: Columns = {f"under_{k:g}": (f"< {k:g} %", fixed_point(0)) for k in ERROR_LIMITS}
 """Columns of an error summary: percentage of coefficients under each limit."""
 
 

@@ -40,7 +40,7 @@ def approach_fault(trial: xr.Dataset, unit: float) -> str:
     if WHOLE_APPROACH in trial.attrs:
         return str(trial.attrs[WHOLE_APPROACH])
     time, execute = trial["time"].values, first_execute(trial)
-    before = time <= max(execute, time[0])
+    before = time <= execute
     change, error = speed_trend(time[before], trial["u"].values[before], unit)
     if abs(change) > max(UNSTEADY, SIGNIFICANT * error):
         return (

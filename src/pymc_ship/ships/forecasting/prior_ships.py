@@ -124,8 +124,8 @@ def simulate_draws(
 
 def status_row(ships: xr.Dataset) -> dict:
     """Row of a table: ``manoeuvre``, number of ``ships`` and percentage in each of :data:`OUTCOMES`."""
-    fractions = {name: 100.0 * ships.attrs[f"{name}_fraction"] for name in OUTCOMES}
-    return {"manoeuvre": ships.attrs["label"], "ships": ships.attrs["draws"], **fractions}
+    percentages = {name: 100.0 * ships.attrs[f"{name}_fraction"] for name in OUTCOMES}
+    return {"manoeuvre": ships.attrs["label"], "ships": ships.attrs["draws"], **percentages}
 
 
 def index_row(ships: xr.Dataset, index: str, L: float, *, ci_prob: float) -> dict:
