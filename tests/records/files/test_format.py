@@ -69,6 +69,13 @@ class TestFrame:
         table["v"] = table["v"] + x_ref * table["r"]
         assert_close(read(table, {"frame": {"reference": reference}}), run)
 
+    def test_the_antenna_of_a_track(self, run, read):
+        """The log stands at the origin, the antenna does not."""
+        table, psi = columns(run), run["psi"].values
+        table |= {"x": table["x"] + 40.0 * np.cos(psi), "y": table["y"] + 40.0 * np.sin(psi)}
+        assert_close(read(table, {"frame": {"antenna": 40}}), run)
+        assert np.abs(read(table)["x"] - run["x"]).max() > 20.0
+
     def test_earth_fixed_velocities_of_another_point(self, run, read):
         table, psi = columns(run), run["psi"].values
         u, v = table["u"], table["v"] + 30.0 * table["r"]
@@ -234,7 +241,9 @@ def test_the_place_of_an_antenna_moves_velocities_and_track(run, read, arm, posi
     for name in ("x", "y"):
         away = (trial[name] - run[name]).values
         np.testing.assert_allclose(away, away[0], atol=0.05, err_msg=name)
-    assert f"v, x, y moved to the origin from a point {arm:g} m forward of it." in trial.attrs["reading"]
+    notes = trial.attrs["reading"].splitlines()
+    for names in ("v", "x, y"):
+        assert f"{names} moved to the origin from a point {arm:g} m forward of it." in notes
 
 
 def test_an_antenna_without_a_place_is_said(run, read):

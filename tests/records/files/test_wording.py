@@ -159,6 +159,7 @@ test_trial_errors = wording(
             ({"velocities": "earth"}, "psi", "velocities = 'earth' needs the channels u, v, psi; psi missing"),
             ({"wind": "relative"}, "psi", "wind = 'relative' needs the channels wind_speed, wind_direction, u, v, psi"),
             ({"reference": 3.5}, "r", "reference = 3.5 needs the channels v, r; r missing"),
+            ({"antenna": 3.5}, "psi", "antenna = 3.5 needs the channels x, y, psi; psi missing"),
         ]
     ),
     (r"run.txt, line 2: the header has 2 columns, found 1", with_lines_before_the_header),

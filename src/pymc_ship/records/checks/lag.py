@@ -1,4 +1,4 @@
-"""Lag of measured velocities behind the measured track, distinguished from a lever arm, and its correction."""
+"""Lag of velocities, heading or track behind each other, distinguished from a lever arm, and its correction."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
+from pymc_ship.records.checks.mistakes import changed
 from pymc_ship.records.checks.track import (
     TrackBlocks,
     body_velocity,
@@ -18,22 +19,30 @@ from pymc_ship.records.checks.track import (
     turned_to_earth,
 )
 from pymc_ship.records.checks.verdicts import Check, Numbers, missing_channels_text, not_checked
-from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares, variance_inflation
 from pymc_ship.trial.record import sampling_interval
 
 LAG = 0.01  # lag over L/U from which it is corrected
 LONGEST_LAG = 0.5  # largest lag over L/U that is accepted as one
-READINGS = {"earth": "earth-fixed velocities turned by the present heading", "body": "u and v as a whole"}
+PREFERRED = 4.5  # log likelihood ratio, of three standard errors, of a lag that is no lever arm, or an arm no lag
+READINGS = {
+    "earth": (("u", "v"), ("x", "y")),  # u and v are earth-fixed velocities turned by the present heading
+    "body": (("u", "v"), ("x", "y", "psi", "r")),
+    "heading": (("psi", "r"), ("u", "v", "x", "y")),
+}
+"""Kinds of lag, with the channels that are late where it is positive, and where it is negative."""
+
 NAME = "velocity lag"  # name of the check
+_RATIO = "log likelihood ratio, lag over lever arm"
 _STEPS = 12
 _CONVERGED = 1e-4  # s
 
 
 @dataclass(frozen=True)
 class VelocityLag:
-    """Lag [s] of the velocities behind the track, of a kind in :data:`READINGS`, and its standard error [s].
+    """Lag [s] of some channels behind the others, of a kind in :data:`READINGS`, and its standard error [s].
 
-    A negative one of earth-fixed velocities is a lag of the track: sensors are late, never early.
+    A negative one is a lag of the other channels: sensors are late, never early.
     """
 
     kind: str
@@ -41,26 +50,31 @@ class VelocityLag:
     error: float
 
     @property
-    def is_of_track(self) -> bool:
-        """Whether x and y are late, and not the velocities."""
-        return self.kind == "earth" and self.seconds < 0.0
+    def late(self) -> tuple[str, ...]:
+        """Channels that are late."""
+        return READINGS[self.kind][self.seconds < 0.0]
+
+    @property
+    def words(self) -> str:
+        """Words on the late channels."""
+        return f"{', '.join(self.late[:-1])} and {self.late[-1]}"
+
+    @property
+    def turned(self) -> bool:
+        """Whether the late velocities were turned to body axes by a heading of today."""
+        return self.kind == "earth" and self.seconds >= 0.0
 
 
 def without_lag(trial: xr.Dataset, lag: VelocityLag) -> xr.Dataset:
-    """Trial with u and v, or x and y, moved forward by their lag; samples at the end without a value are cut."""
-    time = trial["time"].values
-    if lag.is_of_track:
-        track = {name: ("time", _later(time, trial[name].values, -lag.seconds), trial[name].attrs) for name in "xy"}
-        return trial.assign(track).isel(time=time - lag.seconds <= time[-1])
-    if lag.kind == "earth":
-        x_dot, y_dot = (_later(time, values, lag.seconds) for values in earth_velocity(trial))
-        trial = trial.assign(u=("time", x_dot, trial["u"].attrs), v=("time", y_dot, trial["v"].attrs))
-        velocities = dict(zip(("u", "v"), body_velocity(trial), strict=True))
-    else:
-        velocities = {name: _later(time, trial[name].values, lag.seconds) for name in ("u", "v")}
-    trial = trial.assign({name: ("time", values, trial[name].attrs) for name, values in velocities.items()})
-    known = (time + lag.seconds >= time[0]) & (time + lag.seconds <= time[-1])
-    return trial.isel(time=known)
+    """Trial whose late channels are moved forward by their lag; samples at the end without a value are cut."""
+    time, seconds = trial["time"].values, abs(lag.seconds)
+    values = {name: trial[name].values for name in lag.late}
+    if lag.turned:
+        values = dict(zip(lag.late, earth_velocity(trial), strict=True))
+    moved = changed(trial, **{name: _later(time, late, seconds) for name, late in values.items()})
+    if lag.turned:
+        moved = changed(moved, **dict(zip(lag.late, body_velocity(moved), strict=True)))
+    return moved.isel(time=time + seconds <= time[-1])
 
 
 def _later(time: np.ndarray, values: np.ndarray, seconds: float) -> np.ndarray:
@@ -71,8 +85,13 @@ def _later(time: np.ndarray, values: np.ndarray, seconds: float) -> np.ndarray:
 def _track_increments(
     trial: xr.Dataset, track: TrackBlocks, kind: str, seconds: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Increments of the track from late velocities, and their derivative by the lag, each (2, n_blocks - 1)."""
+    """Increments of the track with a lag mended, and their derivative by the lag, each (2, n_blocks - 1)."""
     time, interval = trial["time"].values, sampling_interval(trial)
+    if kind == "heading":
+        moved = changed(trial, psi=_later(time, trial["psi"].values, seconds))
+        x_dot, y_dot = earth_velocity(moved)
+        rate = np.gradient(moved["psi"].values, interval)
+        return track.increments_of(x_dot, y_dot), track.increments_of(-rate * y_dot, rate * x_dot)
     pair = earth_velocity(trial) if kind == "earth" else (trial["u"].values, trial["v"].values)
     u, v = (_later(time, values, seconds) for values in pair)
     pairs = [(u, v), (np.gradient(u, interval), np.gradient(v, interval))]
@@ -84,8 +103,8 @@ def _track_increments(
 
 def _lag_fit(
     trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float
-) -> tuple[float, float, float]:
-    """Least-squares lag of a kind [s] beside constant offsets (Gauss-Newton), its error [s] and the misfit [m]."""
+) -> tuple[float, float, np.ndarray]:
+    """Least-squares lag of a kind [s] beside constant offsets (Gauss-Newton), its error [s] and the residuals [m]."""
     seconds = 0.0
     for _ in range(_STEPS):
         predicted, slope = _track_increments(trial, track, kind, seconds)
@@ -94,58 +113,68 @@ def _lag_fit(
         seconds = float(np.clip(seconds + step, -longest, longest))
         if abs(step) < _CONVERGED:
             break
-    return seconds, float(error), float(np.sqrt(np.mean(residuals**2)))
+    return seconds, float(error), residuals
+
+
+def _rms(residuals: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(residuals**2)))
+
+
+def _log_likelihood_ratio(residuals: np.ndarray, others: np.ndarray) -> float:
+    """Log likelihood of residuals less that of others; autocorrelated ones count as fewer."""
+    best = min(residuals, others, key=_rms)
+    tiny = np.finfo(float).tiny
+    independent = best.size / variance_inflation(best)
+    return float(independent * np.log(max(_rms(others), tiny) / max(_rms(residuals), tiny)))
 
 
 def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = None) -> Check:
-    """Lag of u and v behind the track, distinguished from a lever arm; a ``known`` lag of all runs takes precedence."""
+    """Lag of velocities, heading or track, distinguished from a lever arm; a ``known`` one of all runs prevails."""
     if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(NAME, reason)
     track, measured = track_blocks(trial, scale)
     fits = {kind: _lag_fit(trial, track, measured, kind, LONGEST_LAG * scale.time) for kind in READINGS}
     _, _, arm = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
-    arm_misfit = float(np.sqrt(np.mean(arm**2)))
+    kind = min(fits, key=lambda name: _rms(fits[name][2]))
+    found, ratio = VelocityLag(kind, *fits[kind][:2]), _log_likelihood_ratio(fits[kind][2], arm)
     numbers: Numbers = ()
-    for kind, (seconds, error, misfit) in fits.items():
-        numbers += ((f"lag, {kind}", seconds, "s"), (f"standard error, {kind}", error, "s"))
-        numbers += ((f"misfit, {kind}", misfit, "m"),)
-    numbers += (("misfit, lever arm", arm_misfit, "m"), ("interval", sampling_interval(trial), "s"))
-    numbers += (("lag over L/U", fits["earth"][0] / scale.time, ""),)
+    for name, (seconds, error, residuals) in fits.items():
+        numbers += ((f"lag, {name}", seconds, "s"), (f"standard error, {name}", error, "s"))
+        numbers += ((f"misfit, {name}", _rms(residuals), "m"),)
+    numbers += (("misfit, lever arm", _rms(arm), "m"), ("interval", sampling_interval(trial), "s"))
+    numbers += (("lag over L/U", found.seconds / scale.time, ""), (_RATIO, ratio, ""))
     if known:
         numbers += ((f"lag of all runs, {known.kind}", known.seconds, "s"),)
-        text = f"{_lag_text(known, ' of all runs')}; shift them."
+        text = f"{_lag_text(known, 'in all runs, ')}; shift them."
         return Check(NAME, "doubtful", text, numbers, mendable=True)
-    kind = min(fits, key=lambda name: fits[name][2])
-    seconds, error, misfit = fits[kind]
-    found = VelocityLag(kind, seconds, error)
-    matters = abs(seconds) > max(LAG * scale.time, sampling_interval(trial), SIGNIFICANT * error)
-    if not matters or misfit >= arm_misfit or abs(seconds) >= LONGEST_LAG * scale.time:
-        text = f"The velocities do not lag the track ({seconds:.2g} s, error {error:.1g} s)."
+    matters = abs(found.seconds) > max(LAG * scale.time, sampling_interval(trial), SIGNIFICANT * found.error)
+    too_long = abs(found.seconds) >= LONGEST_LAG * scale.time
+    if not matters or too_long or ratio < PREFERRED:
+        text = f"No channel lags the others ({found.seconds:.2g} s, error {found.error:.1g} s)."
         return Check(NAME, "good", text, numbers)
-    text = f"{_lag_text(found)}: the misfit is {misfit:.2g} m, with a lever arm {arm_misfit:.2g} m; shift them."
+    misfits = f"the misfit is {_rms(fits[kind][2]):.2g} m, with a lever arm {_rms(arm):.2g} m"
+    text = f"{_lag_text(found)}: {misfits}; shift them."
     return Check(NAME, "doubtful", text, numbers, mendable=True)
 
 
-def _lag_text(lag: VelocityLag, whose: str = "") -> str:
-    if lag.is_of_track:
-        return f"The positions{whose} lag the velocities by {-lag.seconds:.2g} s"
-    return f"The velocities{whose} lag the track by {lag.seconds:.2g} s, {READINGS[lag.kind]}"
+def _lag_text(lag: VelocityLag, where: str = "") -> str:
+    how = " (earth-fixed velocities turned by the present heading)" if lag.turned else ""
+    return f"{where}{lag.words} are {abs(lag.seconds):.2g} s late{how}"
 
 
 def lag_correction(check: Check) -> str:
     """What :func:`without_lag` does by a check."""
     lag = lag_of(check)
-    channels, seconds = ("x and y", -lag.seconds) if lag.is_of_track else ("u and v", lag.seconds)
-    return f"{channels} taken from {seconds:.3g} s later."
+    return f"{lag.words} taken from {abs(lag.seconds):.3g} s later."
 
 
-def explains_better(check: Check, scale: ShipScale) -> bool:
-    """Whether an uncertain lag explains the track better than a lever arm."""
+def rival_of_lever(check: Check, scale: ShipScale) -> str:
+    """Words on a lag that explains the track as well as a lever arm does; empty without one."""
     if check.mendable or not check.numbers:
-        return False
+        return ""
     lag = lag_of(check)
     matters = abs(lag.seconds) > max(LAG * scale.time, check.value("interval"))
-    return matters and check.value(f"misfit, {lag.kind}") < check.value("misfit, lever arm")
+    return _lag_text(lag) if matters and check.value(_RATIO) > -PREFERRED else ""
 
 
 def lag_of(check: Check) -> VelocityLag:

@@ -187,7 +187,8 @@ def lever_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     half_sample = 0.5 * scale.U * sampling_interval(trial)  # of travel, which the clock of a sensor explains
     if abs(lever) > SIGNIFICANT * error + half_sample and abs(lever) > LEVER * scale.L:
         side = "aft" if lever > 0.0 else "forward"
-        text = f"v is measured {abs(lever):.3g} m {side} of the point of x, y; move it there."
+        text = f"v is measured {abs(lever):.3g} m {side} of the point of x, y (for an antenna off the origin, state "
+        text += f"[frame] antenna = {lever:.3g}); move v there."
         return Check("lever arm", "doubtful", text, numbers, mendable=True)
     text = f"u, v and the track are of one point (lever arm {lever:.2g} m, error {error:.1g} m)."
     return Check("lever arm", "good", text, numbers)

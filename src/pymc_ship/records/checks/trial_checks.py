@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, track
-from pymc_ship.records.checks.lag import VelocityLag, explains_better, lag_check, lag_correction, lag_of, without_lag
+from pymc_ship.records.checks.lag import VelocityLag, lag_check, lag_correction, lag_of, rival_of_lever, without_lag
 from pymc_ship.records.checks.revolutions_and_wind import revolutions_check, wind_check
 from pymc_ship.records.checks.verdicts import Check, not_checked
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
@@ -144,9 +145,10 @@ def _closure_checks(
     late = lag_check(trial, scale, lag)
     trial = _apply_corrections(trial, [late])
     lever = track.lever_check(trial, scale)
-    if lever.mendable and explains_better(late, scale):
-        reason = "a lag of the velocities explains the track better, but one run cannot confirm it; check several"
-        lever = not_checked(lever.name, reason)
+    if lever.mendable and (rival := rival_of_lever(late, scale)):
+        finding = lever.sentence.rpartition(";")[0]
+        text = f"{finding}, or {rival}: the record cannot tell, and nothing is moved; state reference or delay."
+        lever = replace(lever, sentence=text, mendable=False)
     trial = _apply_corrections(trial, [lever])
     return trial, [*checks, *axes, late, lever, track.drift_check(trial, scale)]
 

@@ -60,15 +60,16 @@ class TrialFormat:
     """Format of a trial file; the default has the units and signs of the package.
 
     The fields are the keys of docs/reference/format_toml.md: ``columns`` by channel; ``convention`` of axes, sides and
-    units, empty where not stated; ``reference``, the point of u and v forward of the origin [m]; ``forces``, the area
-    L^2 or L d of prime captive forces; ``froude``, the length of the ship over that of the model; ``delimiter``, by
-    default that of the header; ``facility``, empty for a single one.
+    units, empty where not stated; ``reference`` and ``antenna``, the points of u, v and of x, y forward of the origin
+    [m]; ``forces``, the area L^2 or L d of prime captive forces; ``froude``, the length of the ship over that of the
+    model; ``delimiter``, by default that of the header; ``facility``, empty for a single one.
     """
 
     columns: dict[str, dict[str, Any]] = field(default_factory=dict)
     convention: str = ""
     velocities: str = "body"
     reference: float = 0.0
+    antenna: float | None = None
     heading: str = "clockwise"
     rudder_positive: str = "auto"
     speeds: str = "through water"
@@ -97,7 +98,7 @@ def load_format(source: str | Path | Mapping[str, Any] | None) -> TrialFormat:
 def _format(file: Entry) -> TrialFormat:
     file.check_keys(("columns", "frame", "scale", "delimiter", "skip_rows", "facility"))
     frame, scale, columns = (file.at(key, {}) for key in ("frame", "scale", "columns"))
-    frame.check_keys((*_FRAME, "reference"))
+    frame.check_keys((*_FRAME, "reference", "antenna"))
     scale.check_keys(("froude",))
     columns.check_keys(quantities())
     froude, reference = scale.at("froude", 1.0), frame.at("reference", 0.0)
@@ -113,6 +114,7 @@ def _format(file: Entry) -> TrialFormat:
         columns={channel: _column(columns.at(channel), channel) for channel in columns},
         **({**_CONVENTIONS[convention], **settings} if convention else settings),
         reference=0.0 if reference.value in ("origin", "midship") else reference.number(),
+        antenna=frame.at("antenna").number() if "antenna" in frame else None,
         froude=froude.number(),
         delimiter=file.at("delimiter").choice(DELIMITERS) if "delimiter" in file else None,
         skip_rows=file.at("skip_rows", 0).whole(least=0),
@@ -148,10 +150,14 @@ def _column(entry: Entry, channel: str) -> dict[str, Any]:
 def format_text(layout: TrialFormat, remark: str) -> str:
     """Text of a format file, with a comment in its first line."""
     top = {"delimiter": layout.delimiter, "skip_rows": layout.skip_rows, "facility": layout.facility}
-    frame = {key: getattr(layout, key) for key in ("convention", "reference", *_FRAME) if key != "forces"}
+    frame = {key: getattr(layout, key) for key in ("convention", "reference", "antenna", *_FRAME) if key != "forces"}
     lines = [f"# {remark}", *(f"{key} = {_toml(value)}" for key, value in top.items() if value)]
     for name, table in (("columns", layout.columns), ("frame", frame), ("scale", {"froude": layout.froude})):
-        lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items() if value != "")]
+        lines += [
+            "",
+            f"[{name}]",
+            *(f"{key} = {_toml(value)}" for key, value in table.items() if value not in ("", None)),
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -274,27 +280,31 @@ def _local_plane(latitude: np.ndarray, longitude: np.ndarray, where: str) -> tup
 def at_origin(
     channels: dict[str, np.ndarray], layout: TrialFormat, where: str
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Channels with u and v in ship axes at the origin, sentences on the changes; TrialError for a missing channel.
+    """Channels with u, v, x, y in ship axes at the origin, sentences on the changes; TrialError for a missing channel.
 
-    The track of a receiver whose velocities u and v are moves with them.
+    The track of a receiver whose velocities u and v are moves with them, unless the format states its antenna.
     """
     moved, notes, arm = dict(channels), [], layout.reference
+    received = layout.velocities == _RECEIVER
+    antenna = layout.antenna if layout.antenna is not None else arm * received
     if layout.velocities in ("earth", _RECEIVER):
         _check_channels(moved, ("u", "v", "psi"), "velocities = 'earth'", where)
         cosine, sine = np.cos(moved["psi"]), np.sin(moved["psi"])
         u, v = moved["u"], moved["v"]
         moved |= {"u": u * cosine + v * sine, "v": v * cosine - u * sine}
         notes.append("u, v turned from earth-fixed axes into the ship's by psi.")
-    track = {"x", "y"} <= set(moved) and layout.velocities == _RECEIVER
     if arm:
         _check_channels(moved, ("v", "r"), f"reference = {arm:g}", where)
         moved["v"] = moved["v"] - arm * moved["r"]
-        if track:
-            moved |= {"x": moved["x"] - arm * np.cos(moved["psi"]), "y": moved["y"] - arm * np.sin(moved["psi"])}
-        notes.append(f"{'v, x, y' if track else 'v'} moved to the origin from a point {arm:g} m forward of it.")
-    elif layout.velocities == _RECEIVER:
-        names = "u, v and the track" if track else "u, v"
+        notes.append(f"v moved to the origin from a point {arm:g} m forward of it.")
+    elif received:
+        names = "u, v and the track" if {"x", "y"} <= set(moved) else "u, v"
         notes.append(f"{names} are those of the antenna; state its place, [frame] reference, m forward of the origin.")
+    if antenna and (layout.antenna is not None or {"x", "y"} <= set(moved)):
+        _check_channels(moved, ("x", "y", "psi"), f"antenna = {antenna:g}", where)
+        cosine, sine = np.cos(moved["psi"]), np.sin(moved["psi"])
+        moved |= {"x": moved["x"] - antenna * cosine, "y": moved["y"] - antenna * sine}
+        notes.append(f"x, y moved to the origin from a point {antenna:g} m forward of it.")
     return moved, notes
 
 

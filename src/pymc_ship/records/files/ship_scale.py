@@ -109,7 +109,12 @@ def least_squares(columns: list[np.ndarray], response: np.ndarray) -> tuple[np.n
     ordinary = sd * np.sqrt(np.sum(inverse**2, axis=1))
     free = np.maximum(1.0 - np.sum(left**2, axis=1), 1e-6)
     robust = np.sqrt(np.sum((inverse @ left.T * (residuals / free)) ** 2, axis=1))
+    inflation = np.sqrt(variance_inflation(residuals)) / scale
+    return coefficients, np.maximum(ordinary, robust) * inflation, residuals
+
+
+def variance_inflation(residuals: np.ndarray) -> float:
+    """Factor by which autocorrelation of the first order, up to 0.9, increases the variance of a mean."""
     correlation = residuals[1:] @ residuals[:-1] / max(residuals @ residuals, np.finfo(float).tiny)
     correlation = np.clip(correlation, 0.0, 0.9)
-    inflation = np.sqrt((1.0 + correlation) / (1.0 - correlation)) / scale
-    return coefficients, np.maximum(ordinary, robust) * inflation, residuals
+    return float((1.0 + correlation) / (1.0 - correlation))
