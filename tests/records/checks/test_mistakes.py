@@ -40,6 +40,8 @@ MISTAKES = {
     "psi reversed": (scaled("psi", -1.0), "yaw rate", 'heading = "counterclockwise"'),
     "psi and r in deg": (scaled("psi r", 1.0 / DEGREE), "heading", 'unit = "deg/s" and unit = "deg"'),
     "x and y swapped": (swapped("x", "y"), "heading", "exchange the columns of x and y"),
+    "y reversed": (scaled("y", -1.0), "heading", "west longitude without its sign"),
+    "tenths of knots": (scaled("u v", 10.0 / KNOT), "speed", "tenths of a knot"),
     "knots": (scaled("u v", 1.0 / KNOT), "speed", 'unit = "kn"'),
 }
 """Mistake put in, the check that names it and the key that mends it."""
@@ -82,6 +84,22 @@ def test_a_heading_off_the_course_is_named(approached, container, degrees, verdi
     assert check.verdict == verdict
     assert check.value("course less heading") == pytest.approx(-degrees, abs=0.5)
     assert verdict == "good" or "state psi = { ..., offset = " in check.sentence
+
+
+def heading_of_a_receiver(trial):
+    """The course over ground where the heading should be."""
+    return changed(trial, psi=trial["psi"].values + np.arctan2(trial["v"].values, trial["u"].values))
+
+
+@pytest.mark.parametrize("run", ["zigzag", "circle"])
+def test_a_course_in_the_place_of_the_heading_is_named(request, container, run):
+    record = request.getfixturevalue(run)
+    bad = [one for one in ps.trial_checks(heading_of_a_receiver(record), container) if one.verdict == "bad"]
+    assert bad
+    assert run == "circle" or "psi is the course over ground" in bad[0].sentence
+    without_v = checks_by_name(heading_of_a_receiver(record).drop_vars("v"), container)["heading"]
+    assert without_v.verdict == "doubtful"
+    assert checks_by_name(record.drop_vars("v"), container)["heading"].verdict == "good"
 
 
 # numbers that stand for missing cells

@@ -106,6 +106,13 @@ def test_what_no_mistake_explains_is_said_to_be_so(record, container):
     assert sentence.endswith("No known mistake, or pair, explains it.")
 
 
+@pytest.mark.parametrize(("degrees", "verdict"), [(0.0, "good"), (0.7, "good"), (-5.0, "doubtful"), (30.0, "bad")])
+def test_a_list_is_named(record, container, degrees, verdict):
+    check = checks_by_name(changed(record, phi=record["phi"].values + np.deg2rad(degrees)), container)["plausibility"]
+    assert check.verdict == verdict
+    assert check.value("list") == pytest.approx(np.deg2rad(degrees), abs=0.01)
+
+
 def test_swapped_roll_columns_are_told(record, container):
     check = checks_by_name(swapped(record, "p", "phi"), container)["roll rate"]
     assert check.verdict == "bad"

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from pymc_ship.records.checks.mistakes import UNEXPLAINED, Mistake, explanation, speed_units
+from pymc_ship.records.checks.mistakes import COURSE, UNEXPLAINED, Mistake, explanation, speed_units
 from pymc_ship.records.checks.verdicts import (
     SLOW,
     Check,
@@ -33,6 +33,8 @@ NOISE_FACTOR = 3.0  # ratio of a residual to the noise of the record from which 
 OUTLIER_FRACTION = 0.25  # largest fraction of the blocks that is left out as outliers
 SPEED_BAD = 0.2  # scale error of the speed from which it is bad: larger than by a current or a log
 HEADING_DRIFT = 0.2  # drift of the heading [deg] in five L/U from which a gyro offset matters
+MISALIGNED = 0.35  # rad, largest deviation of a compass
+NO_DRIFT = 0.1  # drift angle over rL/U up to which the point of the track has none; ships: 0.3 to 0.7 at midship
 HEADING_OFF = 2.0  # difference of course and heading [deg] on a straight approach from which it is doubtful
 CROSS_CURRENT = 1.0  # current [m/s] across the course, or leeway, that no trial is made in
 SHORTEST_APPROACH, STRAIGHT_TURN = 0.25, 0.03  # approach in L/U, and change of heading [rad] in L/U on it
@@ -171,12 +173,16 @@ def _rate_misfit(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> 
 
 
 def _course_misfit(trial: xr.Dataset, scale: ShipScale) -> float:
-    """What the heading leaves of the course over ground beside a drift angle in proportion to the rate of turn."""
+    """What the heading leaves of the course over ground beside a drift angle in proportion to the rate of turn.
+
+    A misaligned compass explains a constant difference up to :data:`MISALIGNED`.
+    """
     course, psi = _course(trial, scale)
     if psi.size < 10:
         return 0.0
-    _, _, residual = least_squares([np.gradient(course), np.ones(psi.size)], course - psi)
-    return _relative_rms(residual, course - course.mean())
+    (_, offset), _, residual = least_squares([np.gradient(course), np.ones(psi.size)], course - psi)
+    offset = np.angle(np.exp(1j * offset))
+    return _relative_rms(residual + offset - np.clip(offset, -MISALIGNED, MISALIGNED), course - course.mean())
 
 
 def _relative_rms(residual: np.ndarray, signal: np.ndarray) -> float:
@@ -209,12 +215,26 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return not_checked("heading", "the heading hardly changes while the ship is under way")
     (slope, _), *_ = least_squares([psi - psi.mean(), np.ones(psi.size)], course)
     numbers = (("course over heading", float(slope), ""),)
+    if 0.3 < slope < 3.0 and (text := _no_drift_text(trial, scale, psi - course)):
+        return Check("heading", "doubtful", text, numbers)
     if 0.3 < slope < 3.0:
         text = f"The course over ground changes with the heading ({slope:.3g} rad per rad)."
         return Check("heading", "good", text, numbers)
     _, cause = explanation(trial, ("psi", "r", "x", "y"), partial(_misfit, scale=scale))
     text = f"The course over ground changes by {slope:.3g} rad per rad of heading; check unit and sign of psi, x and y"
     return Check("heading", "bad", f"{text}: {cause}.", numbers)
+
+
+def _no_drift_text(trial: xr.Dataset, scale: ShipScale, drift: np.ndarray) -> str:
+    """Sentence on a course that shows no drift angle in a turn, where v cannot; empty otherwise."""
+    if "v" in trial or not scale.known:
+        return ""
+    turning = np.gradient(_course(trial, scale)[1]) / YAW_BLOCK  # rL/U
+    (slope, _), (error, _), _ = least_squares([turning, np.ones(drift.size)], drift)
+    if slope + SIGNIFICANT * error > NO_DRIFT:
+        return ""
+    text = f"The course over ground has a drift angle of {slope:.2g} rL/U (ships: 0.3 to 0.7): {COURSE}, or the "
+    return f"{text}antenna stands at the pivot point; take the heading of a compass, or state [frame] antenna."
 
 
 def _course(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, np.ndarray]:

@@ -102,6 +102,13 @@ def _without_drift(trial: xr.Dataset) -> xr.Dataset:
     return changed(trial, r=trial["r"].values + 2.0 * _heading_residual_slope(trial, time**2) * time)
 
 
+def _without_drift_angle(trial: xr.Dataset) -> xr.Dataset:
+    """Trial whose psi is a heading, where it was the course over ground; unchanged without velocities."""
+    if not {"u", "v", "psi"} <= set(trial):
+        return trial
+    return changed(trial, psi=trial["psi"].values - np.arctan2(trial["v"].values, trial["u"].values))
+
+
 SPEED_UNITS = {
     KNOT: ("knots taken for m/s", 'unit = "kn"'),
     1.0 / 3.6: ("km/h taken for m/s", 'unit = "km/h"'),
@@ -111,6 +118,7 @@ SPEED_UNITS = {
     1.0 / (3.6 * KNOT): ("km/h that were converted as knots", 'unit = "km/h"'),
     3.6 * KNOT: ("knots that were converted as km/h", 'unit = "kn"'),
     0.001: ("mm/s taken for m/s, or a track in km", 'unit = "km" for x and y'),
+    0.1 * KNOT: ("tenths of a knot taken for m/s", 'unit = "kn" of a tenth of the cells'),
     1.0 / 0.3048: ("m/s that were converted as ft/s, or a track in feet", 'unit = "ft" for x and y'),
     1.0 / 1852.0: ("1852 times too large, or a track in nautical miles", 'unit = "nmi" for x and y'),
     1000.0: ("km/s taken for m/s, or a track in mm", 'unit = "mm" for x and y'),
@@ -130,6 +138,7 @@ def speed_units(factor: float, width: float) -> tuple[str, str]:
 
 SIGNS = tuple(_reversed(name) for name in ("delta", "v", "r"))  # that one run alone may have
 
+COURSE = "psi is the course over ground"
 R_LATE, PSI_LATE, R_DRIFTS = "r is late or smoothed by a filter", "psi is late", "the offset of r drifts"
 
 MISTAKES = (
@@ -152,11 +161,18 @@ MISTAKES = (
         gradual=True,
     ),
     Mistake("psi", PSI_LATE, partial(_in_time, name="psi"), remedy="correct the clock of psi"),
+    Mistake("psi", COURSE, _without_drift_angle, remedy="take the heading of a compass"),
     Mistake("r", R_DRIFTS, _without_drift, remedy="take r from psi, or calibrate the gyro", gradual=True),
     _exchanged("r", "psi"),
     _exchanged("p", "phi"),
     _exchanged("u", "v"),
     _exchanged("x", "y"),
+    Mistake(
+        "y",
+        "y has the opposite sign, as of a west longitude without its sign",
+        partial(_scaled, names="y", factor=-1.0),
+        "sign = -1",
+    ),
     Mistake(
         "r",
         "r is the AIS code 4.733 times the root of the rate in deg/min",

@@ -62,6 +62,9 @@ RANGES = {
     "speed": Range((0.25, 2.5), (1.0 / 1.5, 1.5), 1.0, 1.2, "the speed is {:.3g} times the nominal one"),
     "Froude number": Range((0.01, 1.0), (0.02, 0.45), 0.18, 1.6, "the Froude number is {:.2g}"),
     "heel": Range((-np.inf, 0.0), (-np.inf, 0.0), -1.0, 10.0, "it heels into the turn ({:+.2g} rad for r U/g)", "rad"),
+    "list": Range(
+        (-0.35, 0.35), (-0.035, 0.035), 0.0, 1.0, "its heel without a turn is {:+.2g} rad (list, or zero of phi)", "rad"
+    ),
 }
 """Ranges of the quantities, from geometry and from merchant ships, tugs and naval ships.
 
@@ -127,8 +130,9 @@ def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
     if motion.phi is not None:
         lateral_acceleration = motion.r * motion.u / GRAVITY
         columns = [lateral_acceleration[ahead], np.gradient(lateral_acceleration, motion.interval)[ahead], constant]
-        (slope, *_), (error, *_), _ = least_squares(columns, motion.phi[ahead])
+        (slope, _, upright), (error, _, list_error), _ = least_squares(columns, motion.phi[ahead])
         quantities["heel"] = float(slope), float(error)
+        quantities["list"] = float(upright), float(list_error)
     return quantities
 
 
@@ -207,9 +211,9 @@ def _words(names: Iterable[str], quantities: dict[str, tuple[float, float]], sep
 
 
 def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None) -> Check:
-    """Whether drift, turning, pivot point, speed, Froude number and heel are plausible for the ship.
+    """Whether drift, turning, pivot point, speed, Froude number, heel and list are plausible for the ship.
 
-    Without a vessel only drift, lateral acceleration and heel are checked.
+    Without a vessel only drift, lateral acceleration, heel and list are checked.
     """
     name = "plausibility"
     trial = with_yaw_rate(trial)
@@ -226,6 +230,8 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
         return Check(name, "good", f"The motion is plausible for a ship{f': {text}' if text else ''}.", numbers)
     verdict = "bad" if "bad" in faults.values() else "doubtful"
     text = f"The motion is unusual for a ship: {_words(faults, quantities, '; ')}. "
+    if faults.keys() == {"list"}:
+        return Check(name, verdict, f"{text}For a zero of phi, state its offset; a fit takes it for forces.", numbers)
     text += _explanation(trial, scale, vessel, motion)
     if faults.keys() == {"heel"} and trial.attrs.get(AXES):
         text += f" Or the record is {MIRROR_IMAGE}."

@@ -21,6 +21,7 @@ from pymc_ship.records.files.sides import MIRROR_IMAGE, rudder_effect
 from pymc_ship.trial.record import AXES, sampling_interval, second_difference_sd
 
 LARGEST_RUDDER = 1.3  # rudder angle [rad] that no rudder reaches: a record beyond 75 deg is one in degrees
+PERCENT = 110.0  # deg, up to which percent of the range, read in deg, can reach
 ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
 OFF_THE_ORDER = 0.75  # deg, difference of a zigzag's angle from its order beyond the usual reading of an indicator
@@ -48,7 +49,9 @@ def rudder_unit_check(trial: xr.Dataset) -> Check:
     largest = float(np.abs(trial["delta"].values).max())
     numbers = (("largest rudder angle", np.rad2deg(largest), "deg"),)
     if largest > LARGEST_RUDDER:
-        text = f"delta reaches {largest:.3g} rad, beyond any rudder; probably it is in deg: convert it."
+        text = f"delta reaches {largest:.3g} rad, beyond any rudder; "
+        in_degrees = np.rad2deg(largest) > PERCENT and np.deg2rad(largest) <= LARGEST_RUDDER
+        text += f"probably it is in {'deg' if in_degrees else 'percent of its range, or a voltage'}: convert it."
         return Check("rudder unit", "bad", text, numbers)
     if np.ptp(trial["delta"].values) == 0.0:
         return Check("rudder unit", "bad", "delta never changes; find the column of the rudder.", numbers)
@@ -66,6 +69,7 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return not_checked("rudder sign", "the rudder moves too little for a check", numbers)
     if effect.side == "starboard":
         text = "A positive delta turns the ship to starboard, it should turn the ship to port; flip the sign of delta. "
+        text += "" if "psi" in trial else "Or r and v have the opposite sign. "
         return Check("rudder sign", "bad", f"{text}Or the record is {MIRROR_IMAGE}.", numbers)
     text = "A positive delta turns the ship to port, as it should"
     if trial.attrs.get(AXES):

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.records.checks.kinematics import YAW_BLOCK, roll_angle
-from pymc_ship.records.checks.mistakes import speed_units
+from pymc_ship.records.checks.mistakes import COURSE, speed_units
 from pymc_ship.records.checks.verdicts import Check, integral, missing_channels_text, not_checked
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.trial.record import sampling_interval
@@ -21,6 +21,7 @@ LONGEST_LEVER = 0.6  # lever arm over L that a point on board can have
 SEEN_LEVER = 0.05  # lever arm over L that a record must be able to show; in a steady turn it looks like an offset of v
 BETTER = 3.0  # ratio of misfits from which velocities count as earth-fixed, or v as reversed in sign
 V_SCALE, V_UNIT = 0.25, 0.15  # error of a factor of v from which v is wrong; its logarithm, up to which it is a unit's
+NO_SWAY = 0.1  # factor of v up to which the track has none
 DRIFT_GOOD, DRIFT_BAD = (
     (0.05, 0.005),
     (0.25, 0.025),
@@ -135,12 +136,18 @@ def _sway_scale_text(
     sway = track.increments_of(*turned_to_earth(0.0 * u, v, trial))
     columns = [sway.ravel(), _lever_column(trial, track).ravel(), *track.offsets]
     (factor, lever, *_), (error, *_), _ = least_squares(columns, missing.ravel())
-    if factor <= 0.0 or abs(lever) > LONGEST_LEVER * scale.L or abs(factor - 1.0) <= max(V_SCALE, SIGNIFICANT * error):
+    if (
+        factor <= -NO_SWAY
+        or abs(lever) > LONGEST_LEVER * scale.L
+        or abs(factor - 1.0) <= max(V_SCALE, SIGNIFICANT * error)
+    ):
         return ""
     left = _misfit(trial.assign(v=factor * trial["v"]), track, measured, scale, "body", 1.0)
     if left * BETTER >= misfit:
         return ""
     text = f"u and v miss the track by {misfit:.2g} m/s, with {factor:.3g} v by {left:.2g} m/s"
+    if factor < NO_SWAY:
+        return f"{text}: {COURSE}; take the heading of a compass."
     if words := speed_units(factor, V_UNIT)[0]:
         return f"{text}: v is probably {words.split(',')[0]}; state its unit."
     return f"{text}: check unit and calibration of v; a drift angle is no velocity."
