@@ -36,6 +36,22 @@ class TestText:
         assert_same(trial, run)
         assert trial.attrs["reading"] == "Decimal commas read as points."
 
+    def test_units_and_hemispheres_behind_the_numbers(self, run, tmp_path):
+        """As loggers with a display write: 15.5 kn, 12.1°, 53.49 N."""
+        path = tmp_path / "display.csv"
+        rows = ["time,u,v,psi,r,RSA,Latitude,Longitude"]
+        for k, time in enumerate(run["time"].values):
+            u, v, psi, r, delta, x, y = (run[name].values[k] for name in ("u", "v", "psi", "r", "delta", "x", "y"))
+            cells = f"{time} s,{u / 0.5144444444:.5f} kn,{v:.5f} m/s,{np.rad2deg(psi):.4f}°,{np.rad2deg(r):.5f} deg/s"
+            north, west = f"{53.5 + x / 111e3:.7f}° N", f"{8.1 - y / 66e3:.7f} W"
+            rows.append(f"{cells},{-np.rad2deg(delta):.4f}°,{north},{west}")
+        path.write_text("\n".join(rows))
+        trial = ps.read_trial(path)
+        for name in ("u", "v", "psi", "r", "delta"):
+            np.testing.assert_allclose(trial[name], run[name], atol=1e-4, err_msg=name)
+        assert np.corrcoef(trial["y"], run["y"])[0, 1] > 0.999
+        assert "Longitude: E and W behind each number read." in trial.attrs["reading"].splitlines()
+
     @pytest.mark.parametrize("marks", [",.", ".,"])
     def test_separators_of_thousands(self, run, read, marks):
         """1,002.48 and 1.002,48: both marks in one cell leave no doubt."""

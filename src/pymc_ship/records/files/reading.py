@@ -48,6 +48,8 @@ _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none")
 _LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
 _SIDES = ("port", "starboard")
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:([.,])\d{3})(?:\1\d{3})*(?!\1)[.,]\d*")  # a number with both marks
+_NUMBER_AND_WORD = re.compile(r"([-+]?[\d.,]*\d)\s*(°|°?\s*[^\W\d_][^\s\d]*)")  # such as 15.5 kn, 53.49° N
+_HEMISPHERES = ({"N", "S"}, {"E", "W"})  # of a latitude and a longitude; the second is negative
 _AROUND_UNITS = " []{}()-"
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
@@ -226,7 +228,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     if os.path.isdir(path):  # False for a name that no file can have
         return _joined_table(path, layout)
     if binary := binary_columns(path):
-        return _table_of_series(*binary)
+        return _with_bare_numbers(_table_of_series(*binary))
     text = _text(path)
     check_size(path, [max(map(text.count, "\n\r"))])
     lines = re.split(r"\r\n|\n|\r", text)
@@ -262,7 +264,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     begins = {key: f'# {key} = "' for key in SETTINGS}
     settings = {k: one.split('"')[1] for k, begin in begins.items() for _, one in comments if one.startswith(begin)}
     table = TextTable(headings, units, cells, lines=at, notes=notes)
-    return replace(table, rudder_positive=stated, shows_axes=own, settings=settings)
+    return _with_bare_numbers(replace(table, rudder_positive=stated, shows_axes=own, settings=settings))
 
 
 def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
@@ -446,6 +448,27 @@ def _without_thousands(cells: list[str]) -> tuple[list[str], int]:
     """Cells without the separators of groups of three digits before a decimal mark, and the number of such cells."""
     plain = [cell.replace(grouped[1], "") if (grouped := _THOUSANDS.fullmatch(cell)) else cell for cell in cells]
     return plain, sum(one != cell for one, cell in zip(plain, cells, strict=True))
+
+
+def _with_bare_numbers(table: TextTable) -> TextTable:
+    """Table whose cells have numbers alone, where those of a column have its unit or a hemisphere behind them."""
+    units, rows, notes = list(table.units), table.rows, list(table.notes)
+    for k, heading in enumerate(table.headings):
+        first = next((row[k] for row in rows if row[k].strip().lower() not in _MISSING), "")
+        if not _NUMBER_AND_WORD.fullmatch(first.strip()):
+            continue
+        found = [_NUMBER_AND_WORD.fullmatch(row[k].strip()) for row in rows]
+        words = {match[2].strip("° ") or "deg" for match in found if match}
+        whole = all(match or row[k].strip().lower() in _MISSING for match, row in zip(found, rows, strict=True))
+        side = next((pair for pair in _HEMISPHERES if words <= pair), None)
+        if not whole or not (side or (len(words) == 1 and is_unit(*words))):
+            continue
+        negative = max(side) if side else None
+        bare = [("-" if match[2].strip("° ") == negative else "") + match[1] if match else "" for match in found]
+        rows = [[*row[:k], number, *row[k + 1 :]] for row, number in zip(rows, bare, strict=True)]
+        units[k] = units[k] or ("deg" if side else words.pop())
+        notes.append(f"{heading}: {' and '.join(sorted(side)) if side else units[k]} behind each number read.")
+    return replace(table, units=units, rows=rows, notes=notes)
 
 
 def _stamps(table: TextTable, column: Column) -> list[str]:
