@@ -20,6 +20,30 @@ from tests.records.checks.cases import (
 )
 
 
+@pytest.mark.parametrize(
+    ("per_radian", "words"),
+    [
+        (180.0 / np.pi, "probably it is in deg:"),
+        (100.0 / np.deg2rad(35.0), "probably it is in percent of its range"),
+        (np.deg2rad(100.0) / np.deg2rad(35.0), "probably it is in percent of its range"),
+    ],
+)
+def test_a_rudder_in_no_angle_is_named(circle, container, per_radian, words):
+    """Degrees, percent, and percent read in degrees."""
+    check = checks_by_name(changed(circle, delta=per_radian * circle["delta"].values), container)["rudder unit"]
+    assert check.verdict == "bad"
+    assert words in check.sentence
+
+
+def test_without_a_heading_a_turn_of_the_wrong_sign_may_be_meant(zigzag, container):
+    reversed_turn = changed(zigzag, r=-zigzag["r"].values, v=-zigzag["v"].values)
+    check = checks_by_name(reversed_turn.drop_vars(["psi", "x", "y", "p", "phi"]), container)["rudder sign"]
+    assert check.verdict == "bad"
+    assert "Or r and v have the opposite sign." in check.sentence
+    flipped = changed(zigzag, delta=-zigzag["delta"].values)
+    assert "Or r and v" not in checks_by_name(flipped, container)["rudder sign"].sentence
+
+
 def test_the_rudders_zero_is_mended_where_approach_and_zigzag_agree(container, approached):
     trial = changed(approached, delta=approached["delta"].values + np.deg2rad(1.2))
     checks = ps.trial_checks(trial, container)
