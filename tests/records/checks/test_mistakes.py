@@ -97,9 +97,27 @@ def test_a_course_in_the_place_of_the_heading_is_named(request, container, run):
     bad = [one for one in ps.trial_checks(heading_of_a_receiver(record), container) if one.verdict == "bad"]
     assert bad
     assert run == "circle" or "psi is the course over ground" in bad[0].sentence
-    without_v = checks_by_name(heading_of_a_receiver(record).drop_vars("v"), container)["heading"]
-    assert without_v.verdict == "doubtful"
+    assert checks_by_name(heading_of_a_receiver(record).drop_vars("v"), container)["heading"].verdict == "doubtful"
     assert checks_by_name(record.drop_vars("v"), container)["heading"].verdict == "good"
+
+
+def test_a_course_with_its_own_rate_is_no_lever_arm(container):
+    course = heading_of_a_receiver(simulated(container, ps.zigzag(20.0, 20.0)))
+    turned = noisy(changed(course, r=np.gradient(course["psi"].values, course["time"].values)))
+    checks = checks_by_name(turned, container)
+    assert checks["heading"].verdict == "doubtful"
+    assert not checks["lever arm"].mendable
+    assert "psi is the course over ground: the record cannot tell" in checks["lever arm"].sentence
+
+
+@pytest.mark.parametrize(("duration", "by"), [(803.0, "sway sign"), (820.0, "yaw rate")])
+def test_a_course_beside_the_rate_of_a_gyro_is_named(duration, by):
+    """By the rate, or where too little of it differs, by the track that v does not lead to."""
+    vessel = ps.load_vessel("kvlcc2")
+    run = ps.simulate(vessel, ps.turning_circle(35.0), duration=duration, record_interval=1.0, method="rk4")
+    check = checks_by_name(heading_of_a_receiver(noisy(run, level=0.005)), vessel)[by]
+    assert check.verdict == "bad"
+    assert "psi is the course over ground" in check.sentence
 
 
 # numbers that stand for missing cells

@@ -111,6 +111,7 @@ def test_a_list_is_named(record, container, degrees, verdict):
     check = checks_by_name(changed(record, phi=record["phi"].values + np.deg2rad(degrees)), container)["plausibility"]
     assert check.verdict == verdict
     assert check.value("list") == pytest.approx(np.deg2rad(degrees), abs=0.01)
+    assert ("state its offset" in check.sentence) == (verdict != "good")
 
 
 def test_swapped_roll_columns_are_told(record, container):

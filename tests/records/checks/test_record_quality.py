@@ -151,6 +151,20 @@ def test_a_jump_of_a_sensor_is_found(zigzag, container, level):
         assert f" of {name} by " in check.sentence
 
 
+def test_an_order_recorded_as_the_angle_of_a_circle_is_doubtful(container):
+    """The helmsman steers by hand on the approach, then the log jumps to the order."""
+    run = ps.simulate(container, ps.turning_circle(20.0), duration=400.0, record_interval=0.2)
+    wave = np.deg2rad(12.0) * (1.0 - np.cos(0.1 * np.arange(300.0)))
+    straight = {name: np.append(np.full(300, run[name].values[0]), run[name].values[:-300]) for name in ("u", "r")}
+    delta = np.append(wave * (np.arange(300) < 250), np.full(run.sizes["time"] - 300, run["delta"].values[-1]))
+    trial = changed(run.drop_vars(["x", "y", "v", "psi", "p", "phi"], errors="ignore"), delta=delta, **straight)
+    check = checks_by_name(trial, container)["jumps"]
+    assert check.verdict == "doubtful"
+    assert "Or delta is the ordered angle." in check.sentence
+    dropped = np.append(wave[:220], np.where(np.arange(run.sizes["time"] - 220) < 300, wave[220], 0.0))
+    assert checks_by_name(changed(trial, delta=dropped), container)["jumps"].verdict == "bad"
+
+
 def test_two_runs_in_one_file_are_named(zigzag, circle, container):
     n = zigzag.sizes["time"] // 2
     both = {

@@ -7,9 +7,11 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.trial.record import check_trial
 from tests.records.files.cases import NAMES, columns, written
 from tests.records.files.mutated import mutated
+from tests.sentences import refused
 
 
 def assert_same(trial, run, names=NAMES):
@@ -51,6 +53,12 @@ class TestText:
             np.testing.assert_allclose(trial[name], run[name], atol=1e-4, err_msg=name)
         assert np.corrcoef(trial["y"], run["y"])[0, 1] > 0.999
         assert "Longitude: E and W behind each number read." in trial.attrs["reading"].splitlines()
+
+    def test_a_word_among_numbers_with_a_unit_is_refused(self, tmp_path):
+        path = tmp_path / "display.csv"
+        path.write_text("time [s],u,v [m/s]\n0,15.5 kn,0\n1,fast,0\n2,15.4 kn,0\n")
+        with refused(TrialError, "u"):
+            ps.read_trial(path)
 
     @pytest.mark.parametrize("marks", [",.", ".,"])
     def test_separators_of_thousands(self, run, read, marks):

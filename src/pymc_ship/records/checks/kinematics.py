@@ -226,8 +226,8 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 
 
 def _no_drift_text(trial: xr.Dataset, scale: ShipScale, drift: np.ndarray) -> str:
-    """Sentence on a course that shows no drift angle in a turn, where v cannot; empty otherwise."""
-    if "v" in trial or not scale.known:
+    """Sentence on a course that shows no drift angle in a turn; empty otherwise."""
+    if not scale.known:
         return ""
     turning = np.gradient(_course(trial, scale)[1]) / YAW_BLOCK  # rL/U
     (slope, _), (error, _), _ = least_squares([turning, np.ones(drift.size)], drift)

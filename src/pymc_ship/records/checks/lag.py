@@ -168,13 +168,10 @@ def lag_correction(check: Check) -> str:
     return f"{lag.words} taken from {abs(lag.seconds):.3g} s later."
 
 
-def rival_of_lever(check: Check, scale: ShipScale) -> str:
+def rival_of_lever(check: Check) -> str:
     """Words on a lag that explains the track as well as a lever arm does; empty without one."""
-    if check.mendable or not check.numbers:
-        return ""
-    lag = lag_of(check)
-    matters = abs(lag.seconds) > max(LAG * scale.time, check.value("interval"))
-    return _lag_text(lag) if matters and check.value(_RATIO) > -PREFERRED else ""
+    is_rival = check.numbers and not check.mendable and check.value(_RATIO) > -PREFERRED
+    return _lag_text(lag_of(check)) if is_rival else ""
 
 
 def lag_of(check: Check) -> VelocityLag:

@@ -31,6 +31,7 @@ _HALF_WINDOW, _LONGEST_SPIKE, _SURROUNDINGS = 4, 2, 51  # samples
 ABRUPT, NOISY = 5.0, 8.0  # change at a jump over those around it, and over the noise of a sample
 LEAST_JUMP, BAD_JUMP = 0.1, 0.25  # fraction of a channel's range
 LEAST_JUMPS = {"psi": 0.05, "x": 0.05, "y": 0.05}  # rad; ship lengths
+_STILL = 0.1  # fraction of a step within which a rudder stays
 TOGETHER = 3  # channels that jump at once where two runs stand in one file
 DEFLECTED, BEGUN, ENDED = 0.05, 0.5, 0.15  # rudder angle [rad]; r/U over its largest of a turn begun, and ended
 _FEWEST_READINGS, _ABRUPT_MOVE, _SHORTEST_HOLD = 20, 3, 10  # samples of a channel; of a rudder's move; of its rest
@@ -254,8 +255,17 @@ def jump_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     together = max(sum(abs(k - other) < _LONGEST_SPIKE for other in worst.values()) for k in worst.values())
     text = f"Jumps of {', '.join(texts)}, more than a ship can change between two samples; "
     text += "two runs in one file? Split it." if together >= TOGETHER else "mend the sensor, or cut the record there."
-    large = (abs(found[k][m]) > BAD_JUMP * _range(trial, k) for k, m in worst.items() if k not in ("x", "y"))
+    unsure = ("x", "y", "delta") if "delta" in worst and _is_order(trial, worst["delta"]) else ("x", "y")
+    text += " Or delta is the ordered angle." if "delta" in unsure else ""
+    large = (abs(found[k][m]) > BAD_JUMP * _range(trial, k) for k, m in worst.items() if k not in unsure)
     return Check("jumps", "bad" if together >= TOGETHER or any(large) else "doubtful", text, numbers)
+
+
+def _is_order(trial: xr.Dataset, before: int) -> bool:
+    """Whether a jump of the rudder is its last move and away from amidships, as the order of a turning circle."""
+    delta = trial["delta"].values[before:]
+    delta = delta[np.flatnonzero(np.diff(delta))[0] :]  # a reading may be held until the jump
+    return bool(np.ptp(delta[1:]) < _STILL * abs(delta[1] - delta[0]) and abs(delta[1]) > abs(delta[0]))
 
 
 def jumps(trial: xr.Dataset, name: str, scale: ShipScale) -> dict[int, float]:

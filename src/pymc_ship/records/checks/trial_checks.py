@@ -15,6 +15,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, track
 from pymc_ship.records.checks.lag import VelocityLag, lag_check, lag_correction, lag_of, rival_of_lever, without_lag
+from pymc_ship.records.checks.mistakes import COURSE
 from pymc_ship.records.checks.revolutions_and_wind import revolutions_check, wind_check
 from pymc_ship.records.checks.verdicts import Check, not_checked
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
@@ -129,7 +130,8 @@ def _closure_checks(
     scale = ship_scale(trial, vessel)
     checks = [*kinematics.rate_checks(trial, scale, "r", "psi"), *kinematics.rate_checks(trial, scale, "p", "phi")]
     checks[0], speed = kinematics.clock_checks(checks[0], kinematics.speed_check(trial, scale))
-    checks += [kinematics.heading_check(trial, scale), speed, kinematics.heading_offset_check(trial, scale)]
+    heading = kinematics.heading_check(trial, scale)
+    checks += [heading, speed, kinematics.heading_offset_check(trial, scale)]
     trial = _apply_corrections(trial, checks)
     wrong = [check.name for check in checks if check.verdict == "bad" and check.name in _FIRST]
     if wrong:
@@ -145,7 +147,8 @@ def _closure_checks(
     late = lag_check(trial, scale, lag)
     trial = _apply_corrections(trial, [late])
     lever = track.lever_check(trial, scale)
-    if lever.mendable and (rival := rival_of_lever(late, scale)):
+    no_drift = COURSE if heading.verdict == "doubtful" else ""
+    if lever.mendable and (rival := no_drift or rival_of_lever(late)):
         finding = lever.sentence.rpartition(";")[0]
         text = f"{finding}, or {rival}: the record cannot tell, and nothing is moved; state reference or delay."
         lever = replace(lever, sentence=text, mendable=False)
