@@ -262,7 +262,8 @@ def sail(
     Returns
     -------
     Dataset, dims (time,)
-        u, v, r, x, y, psi, delta, n, and p and phi of a ship that rolls.
+        u, v, r, x, y, psi, delta, n, and p and phi of a ship that rolls; of exact sensors the attr ``rudder_delay``
+        [s], from the order to the movement.
     """
     weather = weather.seen_from(course_deg)
     duration = 25.0 * ship.papers.unit if duration is None else duration
@@ -279,11 +280,13 @@ def sail(
     if weather.wind > 0.0:
         wind = {"wind_speed": weather.wind, "wind_direction": math.radians(weather.wind_from_deg)}
         record = record.assign({name: xr.full_like(record["u"], value) for name, value in wind.items()})
-    return record if sensors is None else sensors.read(record, ship.papers.speed, np.random.default_rng(seed))
+    if sensors is None:
+        return record.assign_attrs(rudder_delay=ship.papers.rudder_delay)
+    return sensors.read(record, ship.papers.speed, np.random.default_rng(seed))
 
 
 def indices(record: xr.Dataset, trial: Trial) -> dict[str, float]:
-    """Indices of an exact record: distances [m] of a circle, overshoots [deg] of a zigzag."""
+    """Indices of an exact record: distances [m] of a circle, counted from the order; overshoots [deg] of a zigzag."""
     time, side = record["time"].values, SIDES[trial.side]
     psi, x, y = (record[name].values for name in ("psi", "x", "y"))
     if trial.kind == "circle":
@@ -292,7 +295,7 @@ def indices(record: xr.Dataset, trial: Trial) -> dict[str, float]:
             raise ValueError(f"The {trial.label} ends at {turned.max():.0f} deg; sail longer.")
         quarter, half = (first_at(angle, turned, time) for angle in (90.0, 180.0))
         return {
-            "advance": float(np.interp(quarter, time, x)),
+            "advance": float(np.interp(quarter, time, x) + record.attrs["rudder_delay"] * record["u"].values[0]),
             "transfer": float(side * np.interp(quarter, time, y)),
             "tactical_diameter": float(side * np.interp(half, time, y)),
         }

@@ -87,7 +87,8 @@ class DrawnShip:
         Papers of the ship, without coefficients.
     sail : callable
         Takes a Manoeuvre and a duration [s] and returns its exact motion in calm water from the straight course, a
-        Dataset with dims (time,): u, v, r, psi, x, y, delta, n, and p and phi of a ship that rolls.
+        Dataset with dims (time,): u, v, r, psi, x, y, delta, n, and p and phi of a ship that rolls; the attr
+        ``rudder_delay`` [s] is the time from an order to the movement of the rudder, from which indices count.
     record : callable
         Takes a Manoeuvre and the number of the run, from 0, and returns a record of it as its sensors read it in the
         weather of its trials.

@@ -303,9 +303,11 @@ def test_indices_of_a_perfect_circle(side):
     turn = 0.01 * time
     sign = sailing.SIDES[side]
     track = {"psi": sign * turn, "x": 100.0 * np.sin(turn), "y": sign * 100.0 * (1.0 - np.cos(turn))}
-    record = xr.Dataset({name: ("time", values) for name, values in track.items()}, {"time": time})
+    track["u"] = np.ones(time.size)
+    channels = {name: ("time", values) for name, values in track.items()}
+    record = xr.Dataset(channels, {"time": time}, {"rudder_delay": 7.0})
     found = sailing.indices(record, replace(CIRCLE, side=side))
-    assert found == pytest.approx({"advance": 100.0, "transfer": 100.0, "tactical_diameter": 200.0}, rel=1e-3)
+    assert found == pytest.approx({"advance": 107.0, "transfer": 100.0, "tactical_diameter": 200.0}, rel=1e-3)
     with pytest.raises(ValueError, match="sail longer"):
         sailing.indices(record.isel(time=slice(None, 500)), replace(CIRCLE, side=side))
 
