@@ -60,6 +60,12 @@ class TestText:
         with refused(TrialError, "u"):
             ps.read_trial(path)
 
+    def test_a_unit_behind_the_numbers_that_is_not_that_of_the_heading_is_refused(self, tmp_path):
+        path = tmp_path / "display.csv"
+        path.write_text("time [s],u [m/s],v [m/s]\n0,15.5 kn,0\n1,15.4 kn,0\n2,15.4 kn,0\n")
+        with refused(TrialError, "u"):
+            ps.read_trial(path)
+
     @pytest.mark.parametrize("marks", [",.", ".,"])
     def test_separators_of_thousands(self, run, read, marks):
         """1,002.48 and 1.002,48: both marks in one cell leave no doubt."""

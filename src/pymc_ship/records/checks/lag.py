@@ -61,7 +61,7 @@ class VelocityLag:
 
     @property
     def turned(self) -> bool:
-        """Whether the late velocities were turned to body axes by a heading of today."""
+        """Whether the late velocities were turned to body axes by the present heading."""
         return self.kind == "earth" and self.seconds >= 0.0
 
 

@@ -164,10 +164,10 @@ def _channels_named(heading: str) -> list[Channel]:
 
 def channels_of(heading: str) -> list[Channel]:
     """Channels that a heading may name, perhaps with a unit."""
-    return _channels_named(_name_and_unit(heading)[0])
+    return _channels_named(name_and_unit(heading)[0])
 
 
-def _name_and_unit(heading: str) -> tuple[str, str | None]:
+def name_and_unit(heading: str) -> tuple[str, str | None]:
     """Lower-case name and unit of a heading such as ``u [m/s]``, ``r_deg/s``, ``U kn``."""
     bracketed = re.fullmatch(r"(.*?)\s*[\[({]([^\])}]*)[\])}]\s*", heading)
     if bracketed:
@@ -221,7 +221,7 @@ def matched_columns(
 def nearest_heading(heading: str, matched: Mapping[str, Column]) -> str:
     """Question after the usual heading nearest to a misspelt one, of channels that no column has; empty if none is."""
     lacking = [one for name, one in quantities().items() if name not in matched]
-    name, known = _name_and_unit(heading)[0], [word for one in lacking for word in (one.name, *one.headings)]
+    name, known = name_and_unit(heading)[0], [word for one in lacking for word in (one.name, *one.headings)]
     return "" if name.lower() in map(str.lower, known) else did_you_mean(name, known)
 
 
@@ -252,9 +252,7 @@ def _candidates(
     needed = [
         heading
         for heading in errors
-        if {*matched, *candidates_by_channel}.isdisjoint(
-            one.name for one in _channels_named(_name_and_unit(heading)[0])
-        )
+        if {*matched, *candidates_by_channel}.isdisjoint(one.name for one in _channels_named(name_and_unit(heading)[0]))
     ]
     unstated_units = [heading for heading in needed if isinstance(errors[heading], _UnstatedUnitError)]
     if len(unstated_units) > 1:
@@ -268,19 +266,19 @@ def _candidates(
 def clock_column(headings: Sequence[str], units: Sequence[str], stated: str, where: str) -> tuple[int, str]:
     """Index of the column of time, ``stated`` by its heading or known by it, and its unit; TrialError without one."""
     named = [k for k, heading in enumerate(headings) if heading == stated]
-    named = named or [k for k, heading in enumerate(headings) if TIME in _channels_named(_name_and_unit(heading)[0])]
+    named = named or [k for k, heading in enumerate(headings) if TIME in _channels_named(name_and_unit(heading)[0])]
     if not named:
         raise TrialError(
             f"{where}: each file of a run has a column of time, found {', '.join(headings)!r}; rename one to time, or "
             "take the file out of the folder."
         )
     index = min(named, key=lambda k: _clock_rank(headings[k]))
-    return index, _name_and_unit(headings[index])[1] or units[index]
+    return index, name_and_unit(headings[index])[1] or units[index]
 
 
 def _clock_rank(heading: str) -> int:
     """Rank of a heading among those of time, the usual one first."""
-    name, ranks = _name_and_unit(heading)[0], (TIME.name, *TIME.headings)
+    name, ranks = name_and_unit(heading)[0], (TIME.name, *TIME.headings)
     return ranks.index(name) if name in ranks else 0
 
 
@@ -310,7 +308,7 @@ def _column_of_heading(
     index: int, heading: str, unit_below: str, where: str, unstated: Mapping[str, str]
 ) -> Column | None:
     """Column of a heading; None for another quantity."""
-    name, stated = _name_and_unit(heading)
+    name, stated = name_and_unit(heading)
     channels = _channels_named(name)
     if not channels:
         return None
@@ -340,7 +338,7 @@ class _UnstatedUnitError(TrialError):
 
 def _with_unit(heading: str) -> str:
     """Heading with a usual unit, in quotes."""
-    unit = _channels_named(_name_and_unit(heading)[0])[-1].unit
+    unit = _channels_named(name_and_unit(heading)[0])[-1].unit
     return f"'{heading} [{'deg' if unit is RADIAN else unit.name}]'"
 
 
@@ -350,7 +348,7 @@ def _without_unit(
     """Column without a stated unit: the unit of the format, or SI if the heading is the name of the channel."""
     channel = next((one for one in channels if one.name in unstated), channels[0])
     unit = unstated.get(channel.name, channel.unit.name)
-    factor, heading_name = channel.unit.factor(unit), _name_and_unit(heading)[0]
+    factor, heading_name = channel.unit.factor(unit), name_and_unit(heading)[0]
     by_name = (
         channel is TIME
         or channel.name in QUATERNION
@@ -392,7 +390,7 @@ def _chosen_column(
         )
     sources = (
         ("the format file", choice.get("unit")),
-        ("its name", _name_and_unit(wanted)[1]),
+        ("its name", name_and_unit(wanted)[1]),
         ("the file", units[matched[0]]),
         ("the format file", unstated),
         (SI_UNIT, channel.unit.name),

@@ -24,6 +24,7 @@ from pymc_ship.records.files.columns import (
     clock_column,
     is_unit,
     matched_columns,
+    name_and_unit,
     receiver_stand_ins,
 )
 from pymc_ship.records.files.format import (
@@ -461,7 +462,9 @@ def _with_bare_numbers(table: TextTable) -> TextTable:
         words = {match[2].strip("° ") or "deg" for match in found if match}
         whole = all(match or row[k].strip().lower() in _MISSING for match, row in zip(found, rows, strict=True))
         side = next((pair for pair in _HEMISPHERES if words <= pair), None)
-        if not whole or not (side or (len(words) == 1 and is_unit(*words))):
+        stated = units[k] or name_and_unit(heading)[1]
+        same_unit = len(words) == 1 and all(is_unit(word) and stated in (None, word) for word in words)
+        if not whole or not (side or same_unit):
             continue
         negative = max(side) if side else None
         bare = [("-" if match[2].strip("° ") == negative else "") + match[1] if match else "" for match in found]
