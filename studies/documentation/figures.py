@@ -36,7 +36,7 @@ def what_to_expect() -> Figure:
         values = [float(line[column]) for line in rows]
         ax.plot(values, height, marker, color=colour, ms=6.0 if marker == "o" else 11.0, mew=2.0, label=label)
     ax.set_yticks(height, [line["group"] for line in rows])
-    ax.set_xlim(0.0, 0.13)
+    ax.set_xlim(left=0.0)
     ax.set_xlabel("in ship lengths, in L/U for times, in swings of the heading for overshoots")
     fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return fig
