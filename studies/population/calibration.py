@@ -75,7 +75,7 @@ def calibration(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the file of constants with the statements that a study counted; the text has their numbers."""
     held, made = counted(args.folder)
     study = tomllib.loads(Path(args.study).read_text(encoding="utf-8"))
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True)
+    commit = subprocess.run(["git", "rev-parse", "--short=7", "HEAD"], capture_output=True, text=True, check=True)
     provenance = {"study": args.study, "seeds": (study["root_seed"],), "commit": commit.stdout.strip()}
     new = with_statements(constants(), (held, made), date=datetime.date.today(), **provenance)
     with staged_path(FILE) as partial:
