@@ -215,7 +215,7 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return not_checked("heading", "the heading hardly changes while the ship is under way")
     (slope, _), *_ = least_squares([psi - psi.mean(), np.ones(psi.size)], course)
     numbers = (("course over heading", float(slope), ""),)
-    if 0.3 < slope < 3.0 and (text := _no_drift_text(trial, scale, psi - course)):
+    if 0.3 < slope < 3.0 and (text := _no_drift_text(trial, scale, psi, psi - course)):
         return Check("heading", "doubtful", text, numbers)
     if 0.3 < slope < 3.0:
         text = f"The course over ground changes with the heading ({slope:.3g} rad per rad)."
@@ -225,11 +225,12 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     return Check("heading", "bad", f"{text}: {cause}.", numbers)
 
 
-def _no_drift_text(trial: xr.Dataset, scale: ShipScale, drift: np.ndarray) -> str:
-    """Sentence on a course that shows no drift angle in a turn; empty otherwise."""
+def _no_drift_text(trial: xr.Dataset, scale: ShipScale, psi: np.ndarray, drift: np.ndarray) -> str:
+    """Sentence on a course that shows no drift angle in a turn, by heading and drift angle in blocks; else empty."""
     if not scale.known:
         return ""
-    turning = np.gradient(_course(trial, scale)[1]) / YAW_BLOCK  # rL/U
+    interval = ship_blocks(trial, scale, YAW_BLOCK).size * sampling_interval(trial)
+    turning = np.gradient(psi, interval / scale.time)  # rL/U
     (slope, _), (error, _), _ = least_squares([turning, np.ones(drift.size)], drift)
     if slope + SIGNIFICANT * error > NO_DRIFT:
         return ""

@@ -15,7 +15,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, track
 from pymc_ship.records.checks.lag import VelocityLag, lag_check, lag_correction, lag_of, rival_of_lever, without_lag
-from pymc_ship.records.checks.mistakes import COURSE
+from pymc_ship.records.checks.mistakes import COURSE, changed
 from pymc_ship.records.checks.revolutions_and_wind import revolutions_check, wind_check
 from pymc_ship.records.checks.verdicts import Check, not_checked
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
@@ -336,12 +336,11 @@ def _apply_corrections(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset
 
 
 def _subtract(trial: xr.Dataset, name: str, shift: float | np.ndarray) -> xr.Dataset:
-    return trial.assign({name: ("time", trial[name].values - shift, trial[name].attrs)})
+    return changed(trial, **{name: trial[name].values - shift})
 
 
 def _in_body_axes(trial: xr.Dataset, _: Check) -> xr.Dataset:
-    velocity = zip(("u", "v"), track.body_velocity(trial), strict=True)
-    return trial.assign({name: ("time", values, trial[name].attrs) for name, values in velocity})
+    return changed(trial, **dict(zip(("u", "v"), track.body_velocity(trial), strict=True)))
 
 
 def _zero(check: Check) -> float:
@@ -351,9 +350,7 @@ def _zero(check: Check) -> float:
 _MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
     "stand-ins": lambda trial, _: record_quality.without_stand_ins(trial),
     "spikes": lambda trial, _: record_quality.without_spikes(trial),
-    "heading wraps": lambda trial, _: trial.assign(
-        psi=("time", record_quality.unwrapped_heading(trial), trial["psi"].attrs)
-    ),
+    "heading wraps": lambda trial, _: changed(trial, psi=record_quality.unwrapped_heading(trial)),
     "gyro offset": lambda trial, check: _subtract(trial, "r", np.deg2rad(check.value("offset"))),
     "roll rate offset": lambda trial, check: _subtract(trial, "p", np.deg2rad(check.value("offset"))),
     "velocity axes": _in_body_axes,
