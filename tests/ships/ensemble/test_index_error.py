@@ -31,6 +31,7 @@ from pymc_ship.ships.ensemble.index_error import (
     with_model_error,
 )
 from pymc_ship.ships.ensemble.motion_error import MOTION_EXTRAPOLATION_SD, SIZES, size_law
+from pymc_ship.ships.ensemble.motion_error import TYPICAL as MOTION_TYPICAL
 from tests.ships.identification.cases import tanker
 
 N = 20_000
@@ -159,6 +160,15 @@ class TestModelError:
             expected = np.tan(0.5 * np.pi * np.array([0.25, 0.5, 0.75, 0.9]))
             ratios = np.quantile(sizes, [0.25, 0.5, 0.75, 0.9], method="hazen") / TYPICAL[kind]
             assert ratios == pytest.approx(expected, rel=0.02), kind
+
+    def test_its_prior_has_the_size_of_the_error_of_the_motion(self):
+        """Motion that errs twenty times as much as typical: the law of other ships twenty times as wide."""
+        motion = {name: np.full(SIZES, 20.0 * sd) for name, sd in MOTION_TYPICAL.items()}
+        for kind, sizes in model_error([], motion).items():
+            middle = slice(SIZES // 10, -SIZES // 10)  # the grid of sizes cuts the tails
+            assert sizes[middle] == pytest.approx(20.0 * model_error([])[kind][middle], rel=0.02), kind
+        rows = errors_of(10.0 * TYPICAL["angle"], 400, RNG(4), parameter_sd=0.0, model_sd=0.0)
+        assert np.median(model_error(rows, motion)["angle"]) == pytest.approx(10.0 * TYPICAL["angle"], rel=0.1)
 
     def test_errors_of_a_known_size_are_found_again(self):
         """4000 rows with draws, models and a relative error of 5 %: the size within four of its own sd."""

@@ -18,6 +18,7 @@ from pymc_ship.ships.ensemble.motion_error import (
     OpenLoopSimulation,
     mixture_quantiles,
     motion_error,
+    motion_size,
     with_motion_error,
 )
 
@@ -52,7 +53,7 @@ def replays(vessel, rng, growth=GROWTH, spread=0.2):
             sd, rise = growth[name] * size[name], (time / time[-1]) ** RISE[name]
             states[STATE.index(name)] += spread * sd * rng.standard_normal((DRAWS, 1)) * rise
             truth[STATE.index(name)] = np.sqrt(1.0 + spread**2) * sd * rng.standard_normal() * rise
-        simulations.append(OpenLoopSimulation(time, states, truth, np.zeros(8)))
+        simulations.append(OpenLoopSimulation(time, states, truth, np.zeros((8, TIMES))))
     return simulations
 
 
@@ -71,7 +72,9 @@ def test_one_simulation_leaves_the_law_wide(tanker):
     """One simulation with ten times the typical error moves the law, and leaves it wide."""
     time, states, measured = time_of(tanker), np.zeros((8, DRAWS, TIMES)), np.zeros((8, TIMES))
     measured[STATE.index("u")] = 10.0 * TYPICAL["u"] * units(tanker)["u"]
-    ratios = motion_error([OpenLoopSimulation(time, states, measured, np.zeros(8))], tanker)["u"] / TYPICAL["u"]
+    ratios = (
+        motion_error([OpenLoopSimulation(time, states, measured, np.zeros((8, TIMES)))], tanker)["u"] / TYPICAL["u"]
+    )
     assert 1.0 < np.median(ratios) < 10.0
     assert np.quantile(ratios, 0.95) > 4.0 * np.median(ratios)
 
@@ -84,7 +87,7 @@ def test_widely_scattered_draws_give_no_information_on_the_error(tanker):
         1
     ).standard_normal((len(ERROR_STATES), DRAWS, 1))
     some, none = (
-        motion_error(3 * [OpenLoopSimulation(time, states, np.zeros((8, TIMES)), np.zeros(8))], tanker),
+        motion_error(3 * [OpenLoopSimulation(time, states, np.zeros((8, TIMES)), np.zeros((8, TIMES)))], tanker),
         motion_error([], tanker),
     )
     for name in ERROR_STATES:
@@ -98,6 +101,15 @@ def test_without_a_held_out_run_the_error_is_that_of_other_ships(tanker):
     for name in ERROR_STATES:
         assert np.median(sizes[name]) == pytest.approx(TYPICAL[name], rel=0.03)
         assert np.mean(sizes[name] > 5.0 * TYPICAL[name]) == pytest.approx(0.126, abs=0.01)  # half-Cauchy
+
+
+def test_the_size_of_a_ship_is_that_of_heading_and_track(tanker):
+    """1 without a held-out run; 300 runs show it, and other states do not change it."""
+    assert motion_size(motion_error([], tanker)) == pytest.approx(1.0, rel=0.03)
+    errors = motion_error(replays(tanker, np.random.default_rng(1)), tanker)
+    ratios = [GROWTH[name] / TYPICAL[name] for name in ("psi", "x", "y")]
+    assert motion_size(errors) == pytest.approx(np.prod(ratios) ** (1.0 / 3.0), rel=0.15)
+    assert motion_size(errors | {"r": 9.0 * errors["r"]}) == motion_size(errors)
 
 
 def test_bands_with_the_error_cover_new_runs_and_draws_alone_do_not(tanker):
@@ -127,9 +139,9 @@ def test_the_noise_of_readings_is_no_error_of_the_motion(tanker):
     rows = [STATE.index(name) for name in ERROR_STATES]
     blurred, unknown = [], []
     for one in replays(tanker, np.random.default_rng(1), growth=dict.fromkeys(ERROR_STATES, 1e-9)):
-        readings, sd = one.measured.copy(), np.zeros(8)
+        readings, sd = one.measured.copy(), np.zeros((8, TIMES))
         readings[rows] += noise[:, None] * rng.standard_normal((len(rows), TIMES))
-        sd[rows] = noise
+        sd[rows] = noise[:, None]
         blurred.append(one._replace(measured=readings, noise_sd=sd))
         unknown.append(one._replace(measured=readings))
     errors, twin = (motion_error(records, tanker) for records in (blurred, unknown))

@@ -7,6 +7,7 @@ import pytest
 
 from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_table
+from pymc_ship.ships.ensemble.motion_error import motion_error
 from pymc_ship.ships.identification.held_out_errors import (
     coverage,
     harder_index_rows,
@@ -60,6 +61,11 @@ def test_held_out_rows_take_the_model_error_of_the_other_runs():
     assert index_error_rows(index_table(index[:1]))[0]["leave_one_out_sd"] == pytest.approx(
         index_sd(index[0], model_error([])), rel=1e-12
     )
+    motion = motion_error((), tanker())
+    wider = {name: 9.0 * sizes for name, sizes in motion.items()}
+    for errors in (motion, wider):
+        first = index_error_rows(index_table(index[:1]), errors)[0]
+        assert first["leave_one_out_sd"] == pytest.approx(index_sd(index[0], model_error([], errors)), rel=1e-12)
 
 
 def test_indices_of_harder_runs_have_the_error_beyond_the_milder_ones():

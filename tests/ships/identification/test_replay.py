@@ -73,15 +73,29 @@ def test_readings_of_the_ship_itself_lie_in_its_bands(tanker, trial):
 
 def test_the_noise_of_a_reading_is_that_of_its_channel(trial):
     noisy = ps.pollute(trial, level=0.02, rng=5)
-    found, exact = reading_noise_sd(noisy), reading_noise_sd(trial)
+    found, exact = reading_noise_sd(noisy, noisy)[:, 0], reading_noise_sd(trial, trial)[:, 0]
     for name in ("u", "v", "r", "psi"):
         sd = float(np.std(noisy[name].values - trial[name].values))
         factor = np.sqrt(2.0) if name == "psi" else 1.0
         assert found[STATE.index(name)] == pytest.approx(factor * sd, rel=0.15)
         assert exact[STATE.index(name)] < 0.02 * sd
-    assert reading_noise_sd(trial.drop_vars("x"))[STATE.index("x")] == 0.0
+    no_x = trial.drop_vars("x")
+    assert reading_noise_sd(no_x, no_x)[STATE.index("x"), 0] == 0.0
     gap = noisy.assign(u=noisy["u"].where((noisy["time"] < 100) | (noisy["time"] > 130)))
-    assert reading_noise_sd(gap)[STATE.index("u")] == pytest.approx(found[STATE.index("u")], rel=0.1)
+    assert reading_noise_sd(gap, gap)[STATE.index("u"), 0] == pytest.approx(found[STATE.index("u")], rel=0.1)
+
+
+def test_the_noise_of_the_first_heading_turns_the_track(trial):
+    """Tracks turned by a heading that is off scatter by the sd stated, across the way made good."""
+    rng, sd = np.random.default_rng(6), 0.01
+    noisy = trial.assign(psi=trial["psi"] + rng.normal(0.0, sd, trial.sizes["time"]))
+    found = reading_noise_sd(noisy, noisy)
+    track = (trial["x"] - trial["x"][0] + 1j * (trial["y"] - trial["y"][0])).values
+    turned = track * np.exp(1j * rng.normal(0.0, sd, (4000, 1))) - track
+    for name, error in (("x", turned.real), ("y", turned.imag)):
+        expected = error.std(axis=0)
+        assert found[STATE.index(name)] == pytest.approx(expected, rel=0.15, abs=0.02 * expected.max()), name
+    assert found[STATE.index("y"), -1] > 0.1 * trial["u"][0].item()
 
 
 def test_a_score_has_every_channel_of_every_run(tanker, trial):

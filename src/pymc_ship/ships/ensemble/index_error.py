@@ -25,6 +25,7 @@ from pymc_ship.ships.ensemble.motion_error import (
     SIZE_GRID,
     SIZES,
     equal_sizes,
+    motion_size,
     normalised_law,
     size_law,
 )
@@ -50,14 +51,16 @@ def index_scale(quantity: str, value: Any, heading_deg: float, vessel: Vessel) -
     return {"angle": heading_deg + value, "drift": np.rad2deg(1.0), "roll": value, **units}[quantity]
 
 
-def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
+def model_error(rows: Sequence[Mapping], motion: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
     """Standard deviation of the indices of each kind beyond the spread of the draws, from rows of :func:`.index_rows`.
 
-    Equally probable quantiles (SIZES,) of the sd, in units of :func:`index_scale`; without a row, those of other ships.
+    Equally probable quantiles (SIZES,) of the sd, in units of :func:`index_scale`. The prior median is the typical
+    error of ships times the size of the error of the ``motion`` of :func:`.motion_error`, without it the typical error.
     """
     error, known_variance = np.reshape([scaled_error(row) for row in rows], (-1, 2)).T
     typical = np.array([TYPICAL[row["kind"]] for row in rows])
-    sizes = equal_sizes(*size_law(error, known_variance, typical, LIKELIHOOD_WEIGHT))
+    prior_median = motion_size(motion) if motion else 1.0
+    sizes = equal_sizes(*size_law(error, known_variance, typical, LIKELIHOOD_WEIGHT, prior_median))
     return {kind: TYPICAL[kind] * sizes for kind in SCORED_QUANTITIES}
 
 

@@ -39,25 +39,29 @@ class OpenLoopSimulation(NamedTuple):
     time: np.ndarray  # (n_time,) from the start
     states: np.ndarray  # (8, n_draws, n_time)
     measured: np.ndarray  # (8, n_time), NaN where not measured
-    noise_sd: np.ndarray  # (8,) of the readings
+    noise_sd: np.ndarray  # (8, n_time) of the readings
 
 
 def size_law(
-    error: np.ndarray, known_variance: np.ndarray, typical: np.ndarray, likelihood_weight: float
+    error: np.ndarray,
+    known_variance: np.ndarray,
+    typical: np.ndarray,
+    likelihood_weight: float,
+    prior_median: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Posterior law of the size of a ship's error over the typical error: sizes and log probabilities, (n_sizes,).
 
     ``error``, ``known_variance`` and ``typical`` are errors in held-out runs, the variance by draws and readings, and
-    the typical errors, (n_rows,).
+    the typical errors, (n_rows,). ``prior_median`` is that of the half-Cauchy prior.
     """
     variance = known_variance[:, None] + (typical[:, None] * SIZE_GRID) ** 2
     log_likelihood = -0.5 * likelihood_weight * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
-    return SIZE_GRID, normalised_law(log_likelihood)
+    return SIZE_GRID, normalised_law(log_likelihood, prior_median)
 
 
-def normalised_law(log_likelihood: np.ndarray) -> np.ndarray:
-    """Log probabilities of :data:`SIZE_GRID` (n_sizes,): a half-Cauchy prior of median 1, times a likelihood."""
-    log_weight = log_likelihood + np.log(SIZE_GRID) - np.log1p(SIZE_GRID**2)
+def normalised_law(log_likelihood: np.ndarray, median: float = 1.0) -> np.ndarray:
+    """Log probabilities of :data:`SIZE_GRID` (n_sizes,): a half-Cauchy prior of this median, times a likelihood."""
+    log_weight = log_likelihood + np.log(SIZE_GRID) - np.log(median**2 + SIZE_GRID**2)
     return log_weight - logsumexp(log_weight)
 
 
@@ -82,7 +86,8 @@ def motion_error(replays: Iterable[OpenLoopSimulation], vessel: Vessel) -> dict[
                 simulated = one.states[_ROWS, :, time_index] / scale[:, None]
                 times.append(lead)
                 errors.append(one.measured[_ROWS, time_index] / scale - np.nanmedian(simulated, axis=1))
-                variances.append([robust_sd(values) ** 2 for values in simulated] + (one.noise_sd[_ROWS] / scale) ** 2)
+                noise_sd = one.noise_sd[_ROWS, time_index] / scale
+                variances.append([robust_sd(values) ** 2 for values in simulated] + noise_sd**2)
     error, variance = (np.reshape(rows, (-1, len(ERROR_STATES))).T for rows in (errors, variances))
     sizes = {}
     for k, name in enumerate(ERROR_STATES):
@@ -91,6 +96,12 @@ def motion_error(replays: Iterable[OpenLoopSimulation], vessel: Vessel) -> dict[
         law = size_law(error[k, measured], variance[k, measured], typical, LIKELIHOOD_WEIGHT)
         sizes[name] = TYPICAL[name] * equal_sizes(*law)
     return sizes
+
+
+def motion_size(errors: Mapping[str, np.ndarray]) -> float:
+    """Size of the error of heading and track of a ship over the typical one, from :func:`motion_error`."""
+    ratios = [np.median(errors[name]) / TYPICAL[name] for name in ACCUMULATED_STATES]
+    return float(np.exp(np.mean(np.log(ratios))))
 
 
 def growth_with_lead_time(name: str, lead: np.ndarray) -> np.ndarray:

@@ -37,14 +37,14 @@ def overshoot_errors(rows: Sequence[Mapping]) -> dict[str, float]:
     return summary
 
 
-def index_error_rows(table: xr.Dataset) -> list[dict]:
+def index_error_rows(table: xr.Dataset, motion: Mapping[str, np.ndarray] | None = None) -> list[dict]:
     """Held-out indices, dims (run, index), as rows with ``error``, ``z`` and ``leave_one_out_sd``.
 
-    The last one is the sd with the model error of the other runs alone.
+    The last one is the sd with the model error of the other runs alone, and the ``motion`` of :func:`.motion_error`.
     """
     rows, indices = [], list(index_rows(table))
     for row in indices:
-        others = model_error([other for other in indices if other["run"] != row["run"]])
+        others = model_error([other for other in indices if other["run"] != row["run"]], motion)
         error = row["forecast"] - row["measured"]
         with_error = dict(row) | {"error": error, "z": error / row["sd"]}
         rows.append(with_error | {"leave_one_out_sd": index_sd(row, others)})

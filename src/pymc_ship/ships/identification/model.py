@@ -237,7 +237,7 @@ def _ship(
         uses_captive_tests |= before.uses_captive_tests
         if training.earlier and len(training.trials) == 1:  # which is not held out
             motion_sizes = before.motion_error
-    errors = model_error(held_out)
+    errors = model_error(held_out, motion_sizes)
     return Ship(
         members=tuple(candidate.member(training.earlier) for candidate in candidates),
         motion=_motion(training, most_dofs(candidate.vessel for candidate in candidates), before),
@@ -428,13 +428,14 @@ def _held_out_motion(
     unit = training.vessel.particulars.ship_time
     for k, trial in enumerate(training.trials):
         models = [(c.vessel, c.held_out.draws(k, round(_REPLAYS * c.weight), rng)) for c in candidates]
-        time, noise = trial["time"].values, reading_noise_sd(trial)
+        time = trial["time"].values
         for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
             samples = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
             if samples.stop - samples.start > 1:
                 states = [simulate_open_loop(vessel, draws, trial, samples) for vessel, draws in models if len(draws)]
                 lead, measured = time[samples] - time[begin], measured_states(trial, samples)
-                yield OpenLoopSimulation(lead, np.concatenate(states, axis=1), measured, noise)
+                noise_sd = reading_noise_sd(trial, trial.isel(time=samples))
+                yield OpenLoopSimulation(lead, np.concatenate(states, axis=1), measured, noise_sd)
 
 
 def _draw_feasible(candidates: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:

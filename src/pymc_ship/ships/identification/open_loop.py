@@ -31,17 +31,25 @@ def simulate_open_loop(vessel: Vessel, coefficients: np.ndarray, trial: xr.Datas
     return replay(vessel, inputs, initial, coefficients, interval=interval, substeps=substeps_of(interval, vessel))
 
 
-def reading_noise_sd(trial: xr.Dataset) -> np.ndarray:
-    """Sd of the measured states about a replay of the true ship, (8,) [SI, rad]; 0 for unmeasured channels.
+def reading_noise_sd(trial: xr.Dataset, piece: xr.Dataset) -> np.ndarray:
+    """Sd of the measured states of a piece of a trial about a replay of the true ship, (8, n_time) [SI, rad].
 
-    The variance of heading, roll and track counts twice: the initial state of a replay has their noise, too.
+    0 for unmeasured channels. The variance of heading, roll and track counts twice: the initial state of a replay has
+    their noise, too. The noise of the initial heading turns the whole track.
     """
     sd = np.zeros(len(STATE))
     for k, name in enumerate(STATE):
         values = trial[name].dropna("time").values if name in trial else np.empty(0)
         if values.size > 2:
             sd[k] = float(second_difference_sd(values))
-    return sd * np.where(np.isin(STATE, ("psi", "x", "y", "phi")), np.sqrt(2.0), 1.0)
+    by_time = np.outer(
+        sd * np.where(np.isin(STATE, ("psi", "x", "y", "phi")), np.sqrt(2.0), 1.0), np.ones(piece.time.size)
+    )
+    for name, across in (("x", "y"), ("y", "x")):
+        if across in piece:
+            turned = sd[STATE.index("psi")] * (piece[across].values - piece[across].values[0])
+            by_time[STATE.index(name)] = np.hypot(by_time[STATE.index(name)], turned)
+    return by_time
 
 
 def measured_states(trial: xr.Dataset, samples: slice) -> np.ndarray:

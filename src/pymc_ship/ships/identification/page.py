@@ -160,7 +160,7 @@ def write_ship_report(
         "checks": check_rows(checks),
         "term_sets": term_set_rows(result),
         "refusals": refusal_rows(result.refusals),
-        "held_out_indices": index_error_rows(result.held_out_indices),
+        "held_out_indices": index_error_rows(result.held_out_indices, result.ship.motion_error),
         "harder_indices": harder_index_rows(result.ship),
         "model_error": error_rows(result.ship.index_error or {}, most_dofs(c.vessel for c in result.candidates)),
         "coefficients": coefficient_rows(result.candidates[0]),

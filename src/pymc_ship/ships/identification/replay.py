@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -265,8 +265,7 @@ def _score_run(
         )
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
     complete = [tree for tree in trees if np.isfinite(tree["bands"].dataset["u"].values[:, -1]).all()]
-    noise = dict(zip(STATE, reading_noise_sd(trial).tolist(), strict=True))
-    window_scores = [_score_window(tree, noise) for tree in complete]
+    window_scores = [_score_window(tree, reading_noise_sd(trial, tree["measured"].dataset)) for tree in complete]
     mean = dict.fromkeys(_OF_WINDOW, np.full(len(SCORED), np.nan))
     if window_scores:
         mean = {key: np.mean([window[key] for window in window_scores], axis=0) for key in _OF_WINDOW}
@@ -286,10 +285,11 @@ def _mean_square(measured: xr.Dataset, means: dict[str, float]) -> list[float]:
     return [*squares, float(sum(np.mean((values - values[0]) ** 2) for values in track))]
 
 
-def _score_window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[float]]:
-    """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`."""
+def _score_window(tree: xr.DataTree, noise_sd: np.ndarray) -> dict[str, list[float]]:
+    """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`; ``noise_sd`` (8, n_time)."""
     ships, measured, bands = (tree[name].dataset for name in ("predictive", "measured", "bands"))
     median, ci_prob = tree["trajectories"].dataset.median("draw"), tree.attrs["ci_prob"]
+    noise = dict(zip(STATE, noise_sd, strict=True))
     scores: dict[str, list[float]] = {key: [] for key in _OF_WINDOW}
     for name in SCORED[:-1]:
         values = measured[name].values
