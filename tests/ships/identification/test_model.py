@@ -16,7 +16,7 @@ from pymc_ship.physics.vessel.term_sets import OWN, TERM_SETS
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
-from pymc_ship.ships.ensemble.index_error import TYPICAL, extrapolation_growth, index_sd
+from pymc_ship.ships.ensemble.index_error import TYPICAL, extrapolation_growth, index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 from pymc_ship.ships.identification import candidates as ship_candidates
@@ -225,6 +225,7 @@ class TestOneRun:
             assert np.median(lone.ship.index_error[kind]) == pytest.approx(typical, rel=0.02)
         (remark,) = lone.ship.remarks
         assert remark.startswith("No run of a standard manoeuvre was held out: the intervals include the spread")
+        assert remark.endswith("the typical model error of other ships instead of that of this ship.")
         assert lone.names == ("1",)
         (candidate,) = lone.candidates
         assert candidate.weight == 1.0
@@ -321,6 +322,10 @@ class TestOtherRuns:
         assert first.endswith("The fit uses it, but no index is compared.")
         assert second.startswith("Run 2: ")
         assert "No run of a standard manoeuvre was held out" in last
+        assert "heading and track of the held-out runs" in last
+        expected = model_error([], found.ship.motion_error)["angle"]
+        np.testing.assert_allclose(found.ship.index_error["angle"], expected, rtol=1e-12)
+        assert not np.allclose(expected, model_error([])["angle"])
         assert found.vessel == known()
         assert len(found.candidates[0].draws) == 40
 

@@ -200,7 +200,7 @@ def identify_ship(
         *(refusal.sentence for refusal in refusals),
         *partial_run_remarks(names, training, fitted),
         *unscored_run_remarks(by_name, training.manoeuvres, fullest_vessel),
-        *([] if ship.held_out_indices.sizes["run"] else [_NOTHING_HELD_OUT]),
+        *([] if ship.held_out_indices.sizes["run"] else [_nothing_held_out(len(trials))]),
         *([] if captive is None else _captive_remarks(captive, candidates[0])),
         *([earlier_runs_remark(candidates[0], training)] if training.earlier else []),
     ]
@@ -261,10 +261,18 @@ def _with_contradictions(sentences: Sequence[str]) -> Iterator[None]:
         raise FitError(" ".join([str(error), *sentences]), refusals=error.refusals) from None
 
 
-_NOTHING_HELD_OUT = (
-    "No run of a standard manoeuvre was held out: the intervals include the spread of term sets and windows, and the "
-    "typical model error of other ships instead of that of this ship."
-)
+def _nothing_held_out(runs: int) -> str:
+    """Remark: what the intervals include where no index of a held-out run was compared."""
+    judged_by = (
+        "the typical model error of other ships instead of that of this ship"
+        if runs == 1
+        else "a model error of the size that heading and track of the held-out runs show: sail a standard zigzag or circle "
+        "from a steady approach for narrower ones"
+    )
+    return (
+        "No run of a standard manoeuvre was held out: the intervals include the spread of term sets and windows, and "
+        f"{judged_by}."
+    )
 
 
 def _captive_remarks(tests: xr.Dataset, best: Candidate) -> list[str]:
