@@ -61,14 +61,16 @@ def test_other_errors_of_libraries_are_not_hidden(monkeypatch):
         main(["simulate", "container", "--turn", "35", "--out", "unused"])
 
 
-def test_a_warning_for_users_is_one_line(monkeypatch, capsys):
+def test_a_warning_for_users_is_one_line_however_often_it_is_given(monkeypatch, capsys):
     def load_vessel(*_):
-        warnings.warn("The noise may be too small; export more digits.", UserWarning, stacklevel=2)
+        for _ in range(3):
+            warnings.warn("The noise may be too small; export more digits.", UserWarning, stacklevel=2)
         raise ValueError("no vessel here")
 
     monkeypatch.setattr(ps, "load_vessel", load_vessel)
     with warnings.catch_warnings():
-        warnings.simplefilter("default")
+        warnings.simplefilter("always")
         assert main(["simulate", "container", "--turn", "35", "--out", "unused"]) == 2
     text = capsys.readouterr().err
     assert text.splitlines()[0] == "pymc-ship: The noise may be too small; export more digits."
+    assert text.count("export more digits") == 1

@@ -160,13 +160,16 @@ def _repeat_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Print warnings for users as one line, without the line of the program."""
+    """Print each warning for users once and as one line, without the line of the program."""
+    printed: set[str] = set()
     with warnings.catch_warnings():
         shown = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *args: Any, **kwargs: Any) -> None:
             if category is UserWarning:
-                print(error_line(str(message)), file=sys.stderr)
+                if str(message) not in printed:
+                    print(error_line(str(message)), file=sys.stderr)
+                printed.add(str(message))
             else:
                 shown(message, category, *args, **kwargs)
 
