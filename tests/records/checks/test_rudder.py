@@ -174,6 +174,17 @@ def test_a_rudder_without_its_sign_is_named(ship, angles):
         assert checks_by_name(simulated(vessel, manoeuvre), vessel)["signs"].verdict == "good"
 
 
+def test_a_rudder_in_volts_is_not_one_without_its_sign(container):
+    run = simulated(container, ps.zigzag(20, 20))
+    volts = 2.5 + np.rad2deg(run["delta"].values) / 20.0
+    check = checks_by_name(changed(run, delta=np.deg2rad(volts)), container)["signs"]
+    assert (check.verdict, "moves about 2." in check.sentence, "its sign is lost" in check.sentence) == (
+        "bad",
+        True,
+        False,
+    )
+
+
 @pytest.mark.parametrize(("factor", "words"), [(0.5, "delta reads 0.5 of the angle"), (1.6, "delta reads 1.6 times")])
 def test_a_rudder_of_another_scale_is_one_cause_of_its_rate(zigzag, container, factor, words):
     """The mean of two indicators of which one is dead; per cent of 35 deg."""

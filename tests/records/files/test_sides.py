@@ -6,10 +6,15 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.files import sides
-from pymc_ship.records.files.sides import check_one_side
+from pymc_ship.records.files.sides import check_one_side, rudder_middle
 from tests.records.files.cases import columns, written
 from tests.records.files.rudder_sides import noisy_records, shown_side
 from tests.sentences import refused
+
+
+@pytest.fixture(scope="module")
+def zigzag():
+    return ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=1.0)
 
 
 def unstated(table, sign=1.0):
@@ -55,6 +60,26 @@ def test_a_rudder_amidships_shows_nothing(read, delta):
             read(text)
     else:
         assert not read(text)["delta"].values.any()
+
+
+@pytest.mark.parametrize(("scale", "middle"), [(1.0 / 20.0, 2.5), (8.0 / 45.0, 12.0), (-2048.0 / 70.0, 2048.0)])
+@pytest.mark.parametrize("dropped", [(), ("r",)])
+def test_a_rudder_in_volts_milliamperes_or_counts_is_named(zigzag, read, scale, middle, dropped):
+    """Without the middle the refusal would ask for a side, which does not help."""
+    raw = zigzag.assign(delta=("time", np.deg2rad(np.rad2deg(zigzag["delta"].values) * scale + middle)))
+    found = rudder_middle(raw)
+    assert found == pytest.approx(middle, rel=0.03)
+    table = {name: values for name, values in columns(raw).items() if name not in dropped}
+    with refused(TrialError, float(f"{found:.3g}")):
+        read(unstated(table))
+
+
+def test_a_rudder_about_zero_to_one_side_or_without_its_sign_is_no_raw_signal(zigzag):
+    delta = zigzag["delta"].values
+    circle = ps.simulate("kvlcc2", ps.turning_circle(35), duration=900, step=1.0)
+    others = [zigzag.assign(delta=("time", values)) for values in (np.abs(delta), delta + 0.03)]
+    for trial in (zigzag, circle, *others):
+        assert rudder_middle(trial) == 0.0
 
 
 def test_records_of_one_logger_agree(run, read):

@@ -54,6 +54,12 @@ def without_a_side(run, read, n_time=15, dropped=(), **changed):
     read(written(table).replace("# rudder_positive", "# note"))
 
 
+def of_volts(read):
+    zigzag = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=1.0)
+    table = {**columns(zigzag), "delta": np.deg2rad(2.5 + 3.0 * zigzag["delta"].values)}
+    read(written(table).replace("# rudder_positive", "# note"))
+
+
 def of_two_sides(run):
     check_one_side({name: run.assign_attrs(rudder_positive=side) for name, side in SIDES.items()})
 
@@ -100,6 +106,7 @@ test_trial_errors = wording(
         of_two_sheets,
     ),
     (r'must be stated, .*the line \[frame\], below it rudder_positive = "starboard" \(or "port"\)', without_a_side),
+    (r"csv: delta moves about 2\.\d+ deg as read, not about 0: .*signal .*; write the rudder angle into its", of_volts),
     ("stated, since the record has 15 samples, fewer than 20; ", without_a_side),
     ("no yaw rate and no heading; ", partial(without_a_side, dropped=("r", "psi"))),
     ("the rudder never moves from 5.73 deg; ", partial(without_a_side, delta=0.1)),

@@ -10,6 +10,7 @@ from pymc_ship.records.checks.rudder import rudder_rate
 from pymc_ship.records.checks.verdicts import SLOW, Check, Numbers, balance, not_checked, pieces
 from pymc_ship.records.files.columns import MISSING_CODES, standing_out
 from pymc_ship.records.files.ship_scale import ShipScale
+from pymc_ship.records.files.sides import raw_signal_text, rudder_middle
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
@@ -136,6 +137,8 @@ def sign_check(trial: xr.Dataset) -> Check:
         name for name, other in pairs if _has_lost_its_sign(channels[name], channels[other], drifts=name != "delta")
     ]
     if lost:
+        if lost[0] == "delta" and (middle := rudder_middle(trial)):
+            return Check("signs", "bad", f"{raw_signal_text(middle)}; find the column of the angle, or calibrate it.")
         text = f"{lost[0]} stays on one side while the ship turns to both: its sign is lost; find the signed column."
         return Check("signs", "bad", text)
     return Check("signs", "good", f"{', '.join(name for name, _ in pairs)} change sign together, or not at all.")

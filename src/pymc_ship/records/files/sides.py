@@ -22,6 +22,7 @@ FOUND = "rudder_positive"  # attribute of a trial: side of the file's positive r
 _CORRELATED = 0.7  # correlation of yaw rate and rudder from which it shows the side, as in a long steady turn
 _TURN = 0.5  # rad that the ship turns at least where the correlation alone shows the side
 _BLOCK = 0.25  # L/U
+_HINT = 3.0  # standard errors from which a record that is refused anyway shows the middle of its rudder
 _FEWEST_SAMPLES = 20
 _STILL = np.deg2rad(0.5)  # smallest movement of a rudder
 
@@ -49,16 +50,45 @@ class RudderEffect:
 
 def rudder_effect(trial: xr.Dataset, scale: ShipScale) -> RudderEffect:
     """Effect of the rudder on the yaw rate, by Nomoto's equation with a cubic term, or by lagged correlation."""
-    blocks = ship_blocks(trial, scale, _BLOCK)
-    time = blocks.increments(trial["time"].values)
-    delta, r = (blocks.middles(trial[name].values) for name in ("delta", "r"))
-    coefficients, errors, _ = least_squares([delta, r, r * np.abs(r)], blocks.increments(trial["r"].values) / time)
+    time, delta, r, acceleration = _yaw_blocks(trial, scale)
+    coefficients, errors, _ = least_squares([delta, r, r * np.abs(r)], acceleration)
     gain, error = (float(values[0]) * scale.time**2 for values in (coefficients, errors))
     correlation = _lagged_correlation(delta, r, round(1.0 / _BLOCK))
     certain, turn = abs(gain) > SIGNIFICANT * error, np.ptp(np.cumsum(r * time)) if r.size else 0.0
     shown = certain or (abs(correlation) >= _CORRELATED and turn >= _TURN)
     side = ("starboard" if (gain if certain else correlation) > 0.0 else "port") if shown else ""
     return RudderEffect(gain, error, correlation, side)
+
+
+def rudder_middle(trial: xr.Dataset) -> float:
+    """Reading [deg] about which the rudder turns the ship, where that is far from 0: a raw signal; else 0.
+
+    Nomoto's equation with a cubic term and an unknown zero of the rudder.
+    """
+    trial = with_yaw_rate(trial)
+    if "r" not in trial or trial.sizes["time"] < _FEWEST_SAMPLES:
+        return 0.0
+    _, delta, r, acceleration = _yaw_blocks(trial, ship_scale(trial, None))
+    columns = [delta, np.ones_like(delta), r, r * np.abs(r)]
+    (gain, constant, *_), (error, *_), _ = least_squares(columns, acceleration)
+    if abs(gain) <= _HINT * error:
+        return 0.0
+    low, high = np.quantile(trial["delta"].values, [0.05, 0.95])
+    middle, is_one_sided = -constant / gain, low * high > 0.0
+    return float(np.rad2deg(middle)) if is_one_sided and low < middle < high else 0.0
+
+
+def raw_signal_text(middle: float) -> str:
+    """What a rudder that moves about a middle [deg] is."""
+    return f"delta moves about {middle:.3g} deg as read, not about 0: it is probably a raw signal (V, mA, counts)"
+
+
+def _yaw_blocks(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, ...]:
+    """Length [s] of blocks, mean rudder angle and yaw rate in them, and the yaw acceleration, each (n_blocks - 1,)."""
+    blocks = ship_blocks(trial, scale, _BLOCK)
+    time = blocks.increments(trial["time"].values)
+    delta, r = (blocks.middles(trial[name].values) for name in ("delta", "r"))
+    return time, delta, r, blocks.increments(trial["r"].values) / time
 
 
 def _lagged_correlation(delta: np.ndarray, r: np.ndarray, longest: int) -> float:
@@ -83,6 +113,8 @@ def with_rudder_side(trial: xr.Dataset, stated: str, where: str) -> xr.Dataset:
     if stated == "auto":
         effect = shown_effect(trial)
         if effect is None or not effect.side:
+            if middle := rudder_middle(trial):
+                raise TrialError(f"{where}: {raw_signal_text(middle)}; write the rudder angle into its column.")
             raise TrialError(
                 f"{where}: the side that a positive rudder turns to must be stated, {_hidden_by(trial, effect)}; "
                 'state it in a format file: the line [frame], below it rudder_positive = "starboard" (or "port").'

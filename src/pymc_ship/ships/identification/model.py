@@ -266,8 +266,8 @@ def _nothing_held_out(runs: int) -> str:
     judged_by = (
         "the typical model error of other ships instead of that of this ship"
         if runs == 1
-        else "a model error of the size that heading and track of the held-out runs show: sail a standard zigzag or circle "
-        "from a steady approach for narrower ones"
+        else "a model error of the size that heading and track of the held-out runs show: sail a standard zigzag or "
+        "circle from a steady approach for narrower ones"
     )
     return (
         "No run of a standard manoeuvre was held out: the intervals include the spread of term sets and windows, and "
