@@ -75,3 +75,20 @@ def test_only_a_check_can_be_overruled(made, tmp_path, capsys):
     words = ("regress", made / "trial.csv", "--vessel", made / "small.toml", "--overrule", "luck", "--out", tmp_path)
     assert main(list(map(str, words))) == 2
     assert "A check to overrule is one of " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["score", "trial-report", "forecast"])
+def test_measured_numbers_come_with_the_doubts_on_their_record(made, small, tmp_path, capsys, command):
+    """On the page and, in spite of --quiet, in the text."""
+    zigzag = ps.pollute(ps.simulate(small, ps.zigzag(20, 20), duration=200, step=0.2), level=0.003, rng=1)
+    skewed, vessel = ps.write_trial(zigzag.assign(r=zigzag["r"] + 2e-3), tmp_path / "skewed.csv"), made / "small.toml"
+    words = {
+        "score": (vessel, skewed),
+        "trial-report": (skewed, "--vessel", vessel),
+        "forecast": (made / "identified", "--vessel", vessel, "--draws", 30, "--duration", 200, "--measured", skewed),
+    }[command]
+    run(command, *words, "--quiet", "--out", tmp_path / "out")
+    doubt = "Doubtful: gyro offset: r has an offset"
+    assert doubt in capsys.readouterr().out
+    (page,) = (tmp_path / "out").glob("*.html")
+    assert doubt in page.read_text(encoding="utf-8")

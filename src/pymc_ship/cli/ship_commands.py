@@ -40,6 +40,7 @@ from pymc_ship.physics.vessel.term_sets import supports_part_sets, valid_at_any_
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.format import load_format
+from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.ships.ensemble.files import FOLDER, load_ship, save_ship
 from pymc_ship.ships.ensemble.ship import Ship
@@ -230,7 +231,8 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
         command=made_by(args),
         progress=progress,
     )
-    return "\n\n".join(text), page
+    text.append("\n".join(quality_remarks({label: trial for label, (_, trial) in measured.items()})))
+    return "\n\n".join(filter(None, text)), page
 
 
 def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree, **around: Any) -> xr.Dataset | None:
@@ -272,9 +274,8 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = {"length": args.length, "every": args.every, "draws": args.draws}
     scores = ps.score(ship, list(trials.values()), names=list(trials), **settings)
     rows = ps.score_indices(ship, list(trials.values()), names=list(trials), rng=args.seed)
-    text = "\n\n".join(
-        filter(None, [score_text(scores), compared_index_text(rows, "Indices of recorded manoeuvres", scored=True)])
-    )
+    texts = [score_text(scores), compared_index_text(rows, "Indices of recorded manoeuvres", scored=True)]
+    text = "\n\n".join(filter(None, [*texts, "\n".join(quality_remarks(trials))]))
     if out is None:
         return text, None
     from pymc_ship.ships.identification.score_page import write_score_page

@@ -110,19 +110,37 @@ def test_a_gyro_that_is_two_per_cent_off_is_doubtful(zigzag, container):
     assert check.value("scale") == pytest.approx(1.0 / 1.05, abs=2e-3)
 
 
-def test_a_current_is_told_and_not_mended(zigzag, container):
-    trial = changed(zigzag, y=zigzag["y"].values + 0.3 * zigzag["time"].values)
+@pytest.mark.parametrize("dropped", [(), ("v",)])
+def test_a_current_is_told_and_not_mended(zigzag, container, dropped):
+    """Without v along the heading."""
+    assert checks_by_name(zigzag.drop_vars(dropped), container)["track closure"].verdict == "good"
+    axis = "x" if dropped else "y"
+    trial = changed(zigzag, **{axis: zigzag[axis].values + 0.3 * zigzag["time"].values}).drop_vars(dropped)
     checks = checks_by_name(trial, container)
     assert alarms(checks) == {"track closure"}
     assert checks["track closure"].verdict == "doubtful"
-    assert "current or offset of 0.3 m/s" in checks["track closure"].sentence
-    assert checks["track closure"].value("drift") == pytest.approx(0.3 * 400.0, rel=0.05)
+    assert f"current or offset of {'0.29' if dropped else '0.3'} m/s" in checks["track closure"].sentence
+    sentence, current = checks["track closure"].sentence, checks["track closure"].value("drift")
+    assert "use velocities through the water" in sentence
+    assert ("along the heading" in sentence) == bool(dropped)
+    assert dropped or current == pytest.approx(0.3 * 400.0, rel=0.05)
 
 
-def test_a_track_that_nothing_mends_is_refused(zigzag, container):
-    """A track that sways as the ship does not."""
+def test_a_position_that_slides_is_no_current(zigzag, container):
+    """Along the heading, by half a ship length within a minute."""
+    slide = 120.0 * np.clip((zigzag["time"].values - 150.0) / 60.0, 0.0, 1.0)
+    for dropped in ((), ("v",)):
+        trial = changed(zigzag, x=zigzag["x"].values + slide).drop_vars(dropped)
+        check = checks_by_name(trial, container)["track closure"]
+        assert (check.verdict, "probably slid" in check.sentence) == ("doubtful", True)
+
+
+@pytest.mark.parametrize("dropped", [(), ("v",)])
+def test_a_track_that_nothing_mends_is_refused(zigzag, container, dropped):
+    """A track that sways, or surges, as the ship does not."""
     sway = 120.0 * np.sin(2.0 * np.pi * zigzag["time"].values / 300.0)
-    checks = ps.trial_checks(changed(zigzag, y=zigzag["y"].values + sway), container)
+    wrong = {"x": zigzag["x"].values + sway} if dropped else {"y": zigzag["y"].values + sway}
+    checks = ps.trial_checks(changed(zigzag, **wrong).drop_vars(dropped), container)
     assert alarms({check.name: check for check in checks}) >= {"track closure"}
     with pytest.raises(ps.TrialError) as error:
         ps.corrected_trial(zigzag, checks)

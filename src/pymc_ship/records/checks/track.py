@@ -202,25 +202,31 @@ def lever_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 
 
 def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
-    """Drift of the integrated velocity from the track, with and without a current and a scale of the speed."""
-    if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v")):
+    """Drift of the integrated velocity from the track, with and without a current and a scale of the speed.
+
+    Without v both are compared along the heading alone.
+    """
+    if reason := missing_channels_text(trial, ("x", "y", "psi", "u")):
         return not_checked("track closure", reason)
     track, measured = track_blocks(trial, scale)
-    predicted = track.increments_of(*earth_velocity(trial))
-    missing, distance = track.earth(measured - predicted), float(np.hypot(*measured).sum())
-    fit, _, residuals = least_squares([*track.offsets, track.earth(predicted).ravel()], missing.ravel())
-    drift, left = (float(np.hypot(*np.cumsum(rows, axis=1)).max()) for rows in (missing, residuals.reshape(2, -1)))
+    known = trial if "v" in trial else trial.assign(v=0.0 * trial["u"])
+    predicted, distance = track.increments_of(*earth_velocity(known)), float(np.hypot(*measured).sum())
+    seen = np.array([True, "v" in trial])
+    missing, cos, sin = measured - predicted, np.cos(track.psi) * track.time, np.sin(track.psi) * track.time
+    columns = [rows[seen].ravel() for rows in (np.array([cos, -sin]), np.array([sin, cos]), predicted)]
+    fit, _, residuals = least_squares(columns, missing[seen].ravel())
+    missing[~seen], remaining = 0.0, np.zeros_like(missing)
+    remaining[seen] = residuals.reshape(-1, track.time.size)
+    drift, left = (float(np.hypot(*np.cumsum(track.earth(rows), axis=1)).max()) for rows in (missing, remaining))
     numbers = (("drift", drift, "m"), ("drift over L", drift / scale.L, ""), ("unexplained", left, "m"))
     good, bad = (max(a * scale.L, b * distance) for a, b in (DRIFT_GOOD, DRIFT_BAD))
+    text = f"The integrated velocity misses the track by {drift:.3g} m"
+    text += "" if "v" in trial else " along the heading"
     if drift <= good:
-        text = f"The integrated velocity misses the track by at most {drift:.2g} m over {distance:.0f} m."
-        return Check("track closure", "good", text, numbers)
+        return Check("track closure", "good", f"{text} at most, over {distance:.0f} m.", numbers)
     if left > bad:
-        text = f"The integrated velocity misses the track by {drift:.3g} m, {left:.3g} m unexplained; do not fit it."
-        return Check("track closure", "bad", text, numbers)
+        return Check("track closure", "bad", f"{text}, {left:.3g} m unexplained; do not fit it.", numbers)
     current = float(np.hypot(*fit[:2]))
-    text = (
-        f"The integrated velocity misses the track by {drift:.3g} m; a current or offset of {current:.2g} m/s and a "
-        f"scale of {1.0 + fit[2]:.3f} leave {left:.2g} m: use velocities through the water."
-    )
+    text += f"; a current or offset of {current:.2g} m/s and a scale of {1.0 + fit[2]:.3f} leave {left:.2g} m: "
+    text += "use velocities through the water." if left <= good else "the position, or the log, probably slid."
     return Check("track closure", "doubtful", text, numbers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import xarray as xr
 
@@ -29,3 +29,8 @@ def quality_flags(trials: Sequence[xr.Dataset], names: Sequence[str] = ()) -> di
     ]
     verdict = worst_verdict(trial.attrs.get("record_verdict", "not checked") for trial in trials)
     return {"record_verdict": verdict, "record_remarks": "\n".join(remarks)}
+
+
+def quality_remarks(trials: Mapping[str, xr.Dataset]) -> list[str]:
+    """Sentence on each doubtful or overruled check of trials by name, for a page or text that has their numbers."""
+    return quality_flags(list(trials.values()), list(trials))["record_remarks"].splitlines()

@@ -18,6 +18,7 @@ from pymc_ship.physics.manoeuvre.indices import needs_roll
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.records.steering.measured import measured_indices
 from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, error_rows
 from pymc_ship.ships.ensemble.scores import BANDS
@@ -141,7 +142,7 @@ def write_forecast_page(
         "spiral": spiral_sentence(turns) if turns is not None else "",
         "stopping": stopping_sentence(stop) if stop is not None else "",
         "stopping_table": table(rows["forecast_stopping"], STOPPING_COLUMNS) if stop is not None else None,
-        "remarks": [*ship.remarks, *interval_remarks(ship, forecasts), *no_roll],
+        "remarks": [*quality_remarks(measured), *ship.remarks, *interval_remarks(ship, forecasts), *no_roll],
         "command": command,
     }
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))

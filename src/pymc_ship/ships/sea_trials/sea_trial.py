@@ -18,6 +18,7 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.run_set import repeated_runs
+from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.measured import order_delay, order_sentence
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
@@ -49,7 +50,7 @@ class SeaTrial:
     conditions, ship_data, form : list of dict; rows of :func:`.condition_rows`, :func:`.ship_rows`, :func:`.form_rows`
     spirals : dict of str to Dataset; steady turns of each spiral test, from :func:`.measured_spiral`
     turns : Dataset or None; steady turns of the identified ship, from :func:`pymc_ship.steady_turns`
-    remarks : tuple of str; runs left out and corrections not made, with the reason
+    remarks : tuple of str; doubtful checks of the records, runs left out and corrections not made, with the reason
     """
 
     trials: dict[str, xr.Dataset]
@@ -160,6 +161,7 @@ def sea_trial(
         spirals=runs.spirals,
         turns=steady_turns(ship) if runs.spirals and ship is not None else None,
         remarks=(
+            *quality_remarks(records),
             *mirror_remarks(records),
             *repeated_runs(records),
             *runs.left_out,
