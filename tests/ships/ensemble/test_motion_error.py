@@ -110,6 +110,8 @@ def test_the_size_of_a_ship_is_that_of_heading_and_track(tanker):
     ratios = [GROWTH[name] / TYPICAL[name] for name in ("psi", "x", "y")]
     assert motion_size(errors) == pytest.approx(np.prod(ratios) ** (1.0 / 3.0), rel=0.15)
     assert motion_size(errors | {"r": 9.0 * errors["r"]}) == motion_size(errors)
+    one_large = {name: np.full(SIZES, TYPICAL[name] * (8.0 if name == "psi" else 1.0)) for name in ERROR_STATES}
+    assert motion_size(one_large) == pytest.approx(2.0, rel=1e-12)
 
 
 def test_bands_with_the_error_cover_new_runs_and_draws_alone_do_not(tanker):

@@ -27,7 +27,7 @@ def forecasts():
 
 @cache
 def held_out():
-    return index_error_rows(model().held_out_indices)
+    return index_error_rows(model().held_out_indices, model().ship.motion_error)
 
 
 def verdicts():

@@ -156,6 +156,9 @@ def test_draws_that_ran_away_are_told(text, tmp_path):
 def test_held_out_indices_are_those_of_the_model(text, out):
     found = table_of(out, "held_out_indices")
     held_out = list(index_rows(model().held_out_indices))
+    of_others = index_error_rows(model().held_out_indices, model().ship.motion_error)
+    assert [float(row["leave_one_out_sd"]) for row in found] == [row["leave_one_out_sd"] for row in of_others]
+    assert of_others != index_error_rows(model().held_out_indices)
     assert len(found) == len(held_out) == 21
     for row, expected in zip(found, held_out, strict=True):
         assert {key: row[key] for key in ("run", "manoeuvre", "index", "kind")}.items() <= expected.items()
@@ -168,7 +171,7 @@ def test_held_out_indices_are_those_of_the_model(text, out):
 
 
 def test_the_summary_counts_what_the_intervals_cover(text):
-    lines = index_error_rows(model().held_out_indices)
+    lines = index_error_rows(model().held_out_indices, model().ship.motion_error)
     errors, covered = overshoot_errors(lines), coverage(lines)
     assert f"mean absolute error {errors['first_overshoot_angle_mean']:.2g} deg, largest" in text
     assert f"largest {errors['second_overshoot_angle_max']:.2g} deg." in text
