@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from tests.records.files.cases import written
+from tests.records.files.cases import columns, written
 from tests.records.files.test_clock import motion
 
 DURATION = 300.0
@@ -40,6 +40,44 @@ def test_sensors_with_a_row_each_come_to_one_base(read):
         np.testing.assert_allclose(trial[name], np.interp(trial["time"], fine, motion(fine)[name]), atol=tolerance)
     assert "The rows have one sensor each: channels interpolated to" in trial.attrs["reading"]
     assert "rows_lost" not in trial.attrs
+
+
+def logged(held=(), rows=10, jitter=0):
+    """Table of one row a second, of which some channels hold each reading for rows."""
+    zigzag = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=1.0)
+    table = columns(zigzag)
+    row = np.arange(table["time"].size)
+    late = np.random.default_rng(7).integers(0, jitter + 1, row.size)
+    begins = [k + late[k] for k in range(0, row.size - rows, rows)]  # rows at which a reading comes in
+    newest = np.array(begins)[np.clip(np.searchsorted(begins, row, "right") - 1, 0, None)]
+    return table, table | {name: table[name][newest] for name in held}
+
+
+@pytest.mark.parametrize("held", [("x", "y"), ("psi",), ("r", "x", "y")])
+@pytest.mark.parametrize("jitter", [0, 1])
+def test_a_reading_that_is_held_is_one_reading(read, held, jitter):
+    """Ten rows of each: as it stands the channel is late by 4.5 s, or 35 m."""
+    true, table = logged(held, jitter=jitter)
+    trial = read(written(table))
+    note = f"held: {', '.join(f'{name} for 10 rows' for name in held)}; the first"
+    assert note in trial.attrs["reading"]
+    for name in held:
+        expected = np.interp(trial["time"], true["time"], true[name])
+        as_it_stands = np.abs(table[name] - true[name]).mean()
+        assert np.abs(trial[name] - expected).mean() < (0.15 + 0.1 * jitter) * as_it_stands, name
+
+
+def test_a_rounded_channel_a_rudder_and_a_thinned_record_are_not_held(read):
+    """Rounded headings of a turn, ordered angles, and a record whose channels all stand still together."""
+    true, _ = logged()
+    time = true["time"]
+    turn = {**true, "psi": np.round(0.4 * time) * np.deg2rad(1.0), "r": np.full(time.size, np.deg2rad(0.4))}
+    orders = {**true, "delta": true["delta"][np.arange(time.size) // 20 * 20]}
+    together = {
+        name: values if name == "time" else values[np.arange(time.size) // 5 * 5] for name, values in true.items()
+    }
+    for table in (true, turn, orders, together):
+        assert "held" not in read(written(table)).attrs["reading"]
 
 
 def test_a_channel_that_stops_costs_no_rows(read):

@@ -7,7 +7,10 @@ import numpy as np
 from pymc_ship.trial.record import second_difference_sd
 
 FILLED_SAMPLES, FILLED_SECONDS = 5, 2.0  # longest run of missing samples that is interpolated, the longer of the two
-_HELD = 0.8  # fraction of equal neighbours from which a rudder record is a sequence of orders
+_HELD = 0.8  # fraction of equal neighbours from which a rudder is a sequence of orders; of readings held alike
+_UNEVEN = 0.15  # error of the rows of one held reading, over these
+_FEWEST_READINGS = 10
+_ORDERED = ("delta", "delta_command", "n", "thrust", "torque")  # channels that may stand still while the ship moves
 _SIGNAL = 5.0  # standard deviations of the noise from which the change of a channel dates its rows
 _COVERED = 0.9  # fraction of a record from which a channel sets its ends
 _REPEATED = 1.5  # rows with the same stamp, in the mean, from which they are compared
@@ -83,6 +86,31 @@ def on_one_base(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tu
             based[name] = values[rows]
     late = [f"{name} every {steps[name]:.3g} s" for name in slow if steps[name] > 1.5 * step]
     return base, base_quantum, based, ["; ".join([note, *late]) + "."]
+
+
+def without_held_readings(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
+    """Rows where only the first of the cells that hold one reading is left, beside a channel of every row."""
+    holds = {name: _held_rows(values) for name, values in channels.items() if name not in _ORDERED}
+    held = [name for name, rows in holds.items() if rows > 1]
+    if not held or not any(np.mean(np.diff(channels[name]) != 0.0) > 0.5 for name in holds if name not in held):
+        return time, quantum, channels, []
+    first = {name: np.append(True, np.diff(channels[name]) != 0.0) for name in held}
+    rows = ", ".join(f"{name} for {holds[name]} rows" for name in held)
+    based = channels | {name: np.where(first[name], channels[name], np.nan) for name in held}
+    return time, quantum, based, [f"A reading is held: {rows}; the first row of each counts."]
+
+
+def _held_rows(values: np.ndarray) -> int:
+    """Rows of one reading of a channel that a slow sensor holds; 1 for other channels, and for a rounded one."""
+    moves = np.diff(values)
+    at = np.flatnonzero(moves != 0.0)
+    if at.size < _FEWEST_READINGS or not np.isfinite(values).all():
+        return 1
+    gaps, sizes = np.diff(at), np.abs(moves[at])
+    rows = int(np.median(gaps))
+    even = np.abs(gaps / rows - np.rint(gaps / rows)) <= _UNEVEN
+    rounded = np.mean(np.abs(sizes - np.median(sizes)) < 1e-3 * np.median(sizes)) > _HELD
+    return rows if np.mean(even & (gaps >= (1.0 - _UNEVEN) * rows)) >= _HELD and not rounded else 1
 
 
 def _common_span(time: np.ndarray, ends: list[np.ndarray]) -> tuple[float, float]:

@@ -17,6 +17,7 @@ from pymc_ship.records.files.interpolation import (
     longest_fill,
     on_one_base,
     typical_step,
+    without_held_readings,
     without_repeated_rows,
 )
 from pymc_ship.trial.channels import SIMULATED
@@ -64,12 +65,13 @@ def regular(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: st
         notes.append(f"{_count((~keep).sum(), 'row')} without a time left out.")
         time, quantum, channels = _rows(keep, time, quantum, channels)
     left = 1.0
-    for step in (_newest_last, _increasing, without_repeated_rows, on_one_base, _fill_short_gaps, _longest_piece):
+    resampling = (without_repeated_rows, without_held_readings, on_one_base)
+    for step in (_newest_last, _increasing, *resampling, _fill_short_gaps, _longest_piece):
         if time.size < 2:
             break
         time, quantum, channels, note = step(time, quantum, channels)
         notes += note
-        if step not in (without_repeated_rows, on_one_base):
+        if step not in resampling:
             left *= time.size / rows
         rows = time.size
     if time.size < 2 or not channels:
