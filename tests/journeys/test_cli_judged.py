@@ -88,7 +88,8 @@ def test_measured_numbers_come_with_the_doubts_on_their_record(made, small, tmp_
         "forecast": (made / "identified", "--vessel", vessel, "--draws", 30, "--duration", 200, "--measured", skewed),
     }[command]
     run(command, *words, "--quiet", "--out", tmp_path / "out")
-    doubt = "Doubtful: gyro offset: r has an offset"
-    assert doubt in capsys.readouterr().out
+    doubt, text = "Doubtful: gyro offset: r has an offset", capsys.readouterr().out
+    assert doubt in text
+    assert "Doubtful: excitation" not in text
     (page,) = (tmp_path / "out").glob("*.html")
     assert doubt in page.read_text(encoding="utf-8")

@@ -231,7 +231,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
         command=made_by(args),
         progress=progress,
     )
-    text.append("\n".join(quality_remarks({label: trial for label, (_, trial) in measured.items()})))
+    text.append("\n".join(quality_remarks({f"{label}, measured": trial for label, (_, trial) in measured.items()})))
     return "\n\n".join(filter(None, text)), page
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import xarray as xr
 
+_OF_A_FIT = ("excitation", "ranges")  # checks of what a record can teach a fit
 VERDICTS = ("good", "not checked", "doubtful", "bad")  # a trial with a bad check is not fitted
 
 
@@ -32,5 +33,9 @@ def quality_flags(trials: Sequence[xr.Dataset], names: Sequence[str] = ()) -> di
 
 
 def quality_remarks(trials: Mapping[str, xr.Dataset]) -> list[str]:
-    """Sentence on each doubtful or overruled check of trials by name, for a page or text that has their numbers."""
-    return quality_flags(list(trials.values()), list(trials))["record_remarks"].splitlines()
+    """Sentence on each doubtful or overruled check of trials by name, for a page or text that has their numbers.
+
+    Without the checks of what a record can teach a fit.
+    """
+    remarks = quality_flags(list(trials.values()), list(trials))["record_remarks"].splitlines()
+    return [remark for remark in remarks if not any(f"Doubtful: {check}" in remark for check in _OF_A_FIT)]
