@@ -44,8 +44,8 @@ tactical diameter is {foreign_error} %, and {foreign_inside} intervals hold the 
 - **Hard turns need a circle.** A ship known from zigzags alone turns where no trial was. The interval of a circle is
   therefore wider. Where the rudder stalls beyond zigzags of 10 deg, intervals of 95 % hold {stalled} % of
   the indices ([kinds left out](case_studies/foreign_ships.md#kinds-left-out)).
-- **Sail more than one kind of run, each from a steady speed.** Others show little of the model error. The Esso Osaka
-  shows what follows: wide intervals.
+- **Sail more than one kind of run, each from a steady speed.** Others show little of the model error: the Esso Osaka
+  has wide intervals.
 - **Small zigzags alone are the weakest trials.** Their intervals are the widest of the figure.
 - **Record the wind and the revolutions where they vary** ([example](case_studies/esso_osaka.md)).
 - **A second facility is almost a second ship.** Gear and approach differ;
