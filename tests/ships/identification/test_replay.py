@@ -87,15 +87,16 @@ def test_the_noise_of_a_reading_is_that_of_its_channel(trial):
 
 def test_the_noise_of_the_first_heading_turns_the_track(trial):
     """Tracks turned by a heading that is off scatter by the sd stated, across the way made good."""
-    rng, sd = np.random.default_rng(6), 0.01
+    rng, sd = np.random.default_rng(6), 0.001
     noisy = trial.assign(psi=trial["psi"] + rng.normal(0.0, sd, trial.sizes["time"]))
-    found = reading_noise_sd(noisy, noisy)
-    track = (trial["x"] - trial["x"][0] + 1j * (trial["y"] - trial["y"][0])).values
+    piece = noisy.isel(time=slice(300, None))  # a replay begins anywhere
+    found = reading_noise_sd(noisy, piece)
+    track = (piece["x"] - piece["x"][0] + 1j * (piece["y"] - piece["y"][0])).values
     turned = track * np.exp(1j * rng.normal(0.0, sd, (4000, 1))) - track
     for name, error in (("x", turned.real), ("y", turned.imag)):
         expected = error.std(axis=0)
         assert found[STATE.index(name)] == pytest.approx(expected, rel=0.15, abs=0.02 * expected.max()), name
-    assert found[STATE.index("y"), -1] > 0.1 * trial["u"][0].item()
+    assert found[STATE.index("y"), -1] > 0.1
 
 
 def test_a_score_has_every_channel_of_every_run(tanker, trial):
