@@ -93,3 +93,5 @@ def test_measured_numbers_come_with_the_doubts_on_their_record(made, small, tmp_
     assert "Doubtful: excitation" not in text
     (page,) = (tmp_path / "out").glob("*.html")
     assert doubt in page.read_text(encoding="utf-8")
+    if command == "trial-report":
+        assert "doubtful</strong>: skewed" in page.read_text(encoding="utf-8").split("</header>")[0]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import at_least, fixed_point, heads, number, table
+from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.ships.sea_trials.figures import circles, spirals, swings
 from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
 
@@ -85,6 +86,7 @@ def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship
         "vessel": result.vessel,
         "command": command,
         "remarks": result.remarks,
+        "doubtful": [name for name, trial in result.trials.items() if quality_remarks({name: trial})],
         "lines": [row for row in result.form if row["conformity"]],
         "tables": {
             "ship": table(result.ship_data, heads(str, item="item", value="")),
