@@ -79,7 +79,7 @@ def test_a_rudder_about_zero_to_one_side_or_without_its_sign_is_no_raw_signal(zi
     circle = ps.simulate("kvlcc2", ps.turning_circle(35), duration=900, step=1.0)
     others = [zigzag.assign(delta=("time", values)) for values in (np.abs(delta), delta + 0.03)]
     steps = np.deg2rad([5.0, 20.0, 8.0, 25.0, 6.0, 15.0, 5.0, 20.0])
-    one_side = ps.simulate("kvlcc2", ps.rudder_programme(75.0 * np.arange(8.0), steps), duration=600, step=1.0)
+    one_side = ps.simulate("container", ps.rudder_programme(75.0 * np.arange(8.0), steps), duration=600, step=1.0)
     for trial in (zigzag, circle, one_side, *others):
         assert rudder_middle(trial) == 0.0
 
