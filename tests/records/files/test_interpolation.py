@@ -71,13 +71,13 @@ def test_a_rounded_channel_a_rudder_and_a_thinned_record_are_not_held(read):
     """Rounded headings of a turn, ordered angles, and a record whose channels all stand still together."""
     true, _ = logged()
     time = true["time"]
-    turn = {**true, "psi": np.round(0.4 * time) * np.deg2rad(1.0), "r": np.full(time.size, np.deg2rad(0.4))}
-    orders = {**true, "delta": true["delta"][np.arange(time.size) // 20 * 20]}
+    turn = {**true, "psi": np.floor(0.5 * time) * np.deg2rad(1.0), "r": np.full(time.size, np.deg2rad(0.5))}
+    orders = {**true, "delta": np.random.default_rng(8).uniform(-0.3, 0.3, time.size)[np.arange(time.size) // 20 * 20]}
     together = {
         name: values if name == "time" else values[np.arange(time.size) // 5 * 5] for name, values in true.items()
     }
     for table in (true, turn, orders, together):
-        assert "held" not in read(written(table)).attrs["reading"]
+        assert "is held" not in read(written(table)).attrs["reading"]
 
 
 def test_a_channel_that_stops_costs_no_rows(read):
