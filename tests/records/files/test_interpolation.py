@@ -68,7 +68,7 @@ def test_a_reading_that_is_held_is_one_reading(read, held, jitter):
 
 
 def test_a_rounded_channel_a_rudder_and_a_thinned_record_are_not_held(read):
-    """Rounded headings of a turn, ordered angles, and a record whose channels all stand still together."""
+    """Rounded headings of a turn, ordered angles, channels that stand still together, or for uneven times."""
     true, _ = logged()
     time = true["time"]
     turn = {**true, "psi": np.floor(0.5 * time) * np.deg2rad(1.0), "r": np.full(time.size, np.deg2rad(0.5))}
@@ -76,7 +76,11 @@ def test_a_rounded_channel_a_rudder_and_a_thinned_record_are_not_held(read):
     together = {
         name: values if name == "time" else values[np.arange(time.size) // 5 * 5] for name, values in true.items()
     }
-    for table in (true, turn, orders, together):
+    now_and_then = np.maximum.accumulate(
+        np.where(np.random.default_rng(9).random(time.size) < 0.3, np.arange(time.size), 0)
+    )
+    uneven = {**true, "r": true["r"][now_and_then]}
+    for table in (true, turn, orders, together, uneven):
         assert "is held" not in read(written(table)).attrs["reading"]
 
 
