@@ -189,7 +189,7 @@ def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Forecast manoeuvres and write the page; the text has indices and probabilities of the IMO criteria."""
-    from pymc_ship.ships.forecasting.page import write_forecast_page
+    from pymc_ship.ships.forecasting.page import measured_doubts, write_forecast_page
     from pymc_ship.ships.forecasting.steady_turns import spiral_sentence, steady_turns
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
 
@@ -220,18 +220,19 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
         text.append(_text(trees[label], label, measured, ship.vessel, reference))
     text += [spiral_sentence(turns)] if turns is not None else []
     text += [stopping_sentence(stop)] if stop is not None else []
+    trials = {label: trial for label, (_, trial) in measured.items()}
     page = write_forecast_page(
         ship,
         trees,
         out,
         vessel=source.vessel,
-        measured={label: trial for label, (_, trial) in measured.items()},
+        measured=trials,
         turns=turns,
         stop=stop,
         command=made_by(args),
         progress=progress,
     )
-    text.append("\n".join(quality_remarks({f"{label}, measured": trial for label, (_, trial) in measured.items()})))
+    text.append("\n".join(measured_doubts(trials)))
     return "\n\n".join(filter(None, text)), page
 
 

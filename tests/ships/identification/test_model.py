@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -328,6 +329,14 @@ class TestOtherRuns:
         assert not np.allclose(expected, model_error([])["angle"])
         assert found.vessel == known()
         assert len(found.candidates[0].draws) == 40
+
+    @pytest.mark.parametrize(("earlier", "shown"), [(0, False), (1, False), (2, True)])
+    def test_motion_of_earlier_runs_judges_a_single_run(self, earlier, shown):
+        """Two earlier runs held each other out, one did not."""
+        likelihood = SimpleNamespace(log_density=np.zeros(earlier))
+        training = Training([trial(RUNS[0])], [RUNS[0]], {}, tanker(), "order_damped")
+        training = replace(training, earlier={"set": likelihood} if earlier else {})
+        assert ("heading and track" in ship_model._nothing_held_out(training)) == shown
 
     def test_it_says_what_it_does(self):
         said = []

@@ -10,7 +10,7 @@ from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD
 from pymc_ship.ships.ensemble.motion_error import ERROR_STATES
-from pymc_ship.ships.identification.open_loop import reading_noise_sd
+from pymc_ship.ships.identification.open_loop import reading_noise_sd, replay_noise_sd
 from pymc_ship.ships.identification.replay import SCORED
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as parts_of_tanker
@@ -73,16 +73,18 @@ def test_readings_of_the_ship_itself_lie_in_its_bands(tanker, trial):
 
 def test_the_noise_of_a_reading_is_that_of_its_channel(trial):
     noisy = ps.pollute(trial, level=0.02, rng=5)
-    found, exact = reading_noise_sd(noisy, noisy)[:, 0], reading_noise_sd(trial, trial)[:, 0]
+    found, exact = (replay_noise_sd(reading_noise_sd(run), run)[:, 0] for run in (noisy, trial))
     for name in ("u", "v", "r", "psi"):
         sd = float(np.std(noisy[name].values - trial[name].values))
         factor = np.sqrt(2.0) if name == "psi" else 1.0
         assert found[STATE.index(name)] == pytest.approx(factor * sd, rel=0.15)
         assert exact[STATE.index(name)] < 0.02 * sd
     no_x = trial.drop_vars("x")
-    assert reading_noise_sd(no_x, no_x)[STATE.index("x"), 0] == 0.0
+    assert replay_noise_sd(reading_noise_sd(no_x), no_x)[STATE.index("x"), 0] == 0.0
     gap = noisy.assign(u=noisy["u"].where((noisy["time"] < 100) | (noisy["time"] > 130)))
-    assert reading_noise_sd(gap, gap)[STATE.index("u"), 0] == pytest.approx(found[STATE.index("u")], rel=0.1)
+    assert replay_noise_sd(reading_noise_sd(gap), gap)[STATE.index("u"), 0] == pytest.approx(
+        found[STATE.index("u")], rel=0.1
+    )
 
 
 def test_the_noise_of_the_first_heading_turns_the_track(trial):
@@ -90,7 +92,7 @@ def test_the_noise_of_the_first_heading_turns_the_track(trial):
     rng, sd = np.random.default_rng(6), 0.001
     noisy = trial.assign(psi=trial["psi"] + rng.normal(0.0, sd, trial.sizes["time"]))
     piece = noisy.isel(time=slice(300, None))  # a replay begins anywhere
-    found = reading_noise_sd(noisy, piece)
+    found = replay_noise_sd(reading_noise_sd(noisy), piece)
     track = (piece["x"] - piece["x"][0] + 1j * (piece["y"] - piece["y"][0])).values
     turned = track * np.exp(1j * rng.normal(0.0, sd, (4000, 1))) - track
     for name, error in (("x", turned.real), ("y", turned.imag)):

@@ -211,13 +211,11 @@ def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     track, measured = track_blocks(trial, scale)
     known = trial if "v" in trial else trial.assign(v=0.0 * trial["u"])
     predicted, distance = track.increments_of(*earth_velocity(known)), float(np.hypot(*measured).sum())
-    seen = np.array([True, "v" in trial])
-    missing, cos, sin = measured - predicted, np.cos(track.psi) * track.time, np.sin(track.psi) * track.time
-    columns = [rows[seen].ravel() for rows in (np.array([cos, -sin]), np.array([sin, cos]), predicted)]
-    fit, _, residuals = least_squares(columns, missing[seen].ravel())
-    missing[~seen], remaining = 0.0, np.zeros_like(missing)
-    remaining[seen] = residuals.reshape(-1, track.time.size)
-    drift, left = (float(np.hypot(*np.cumsum(track.earth(rows), axis=1)).max()) for rows in (missing, remaining))
+    time, seen = trial["time"].values, np.array([[1.0], [float("v" in trial)]])  # forward, to starboard
+    constant = [track.increments(time, 0.0 * time), track.increments(0.0 * time, time)]
+    missing, *columns = (track.earth(seen * rows) for rows in (measured - predicted, *constant, predicted))
+    fit, _, residuals = least_squares([column.ravel() for column in columns], missing.ravel())
+    drift, left = (float(np.hypot(*np.cumsum(rows, axis=1)).max()) for rows in (missing, residuals.reshape(2, -1)))
     numbers = (("drift", drift, "m"), ("drift over L", drift / scale.L, ""), ("unexplained", left, "m"))
     good, bad = (max(a * scale.L, b * distance) for a, b in (DRIFT_GOOD, DRIFT_BAD))
     text = f"The integrated velocity misses the track by {drift:.3g} m"

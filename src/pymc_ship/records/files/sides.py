@@ -65,10 +65,10 @@ def rudder_middle(trial: xr.Dataset) -> float:
 
     Nomoto's equation with a cubic term and an unknown zero of the rudder.
     """
-    trial = with_yaw_rate(trial)
-    if "r" not in trial or trial.sizes["time"] < _FEWEST_SAMPLES:
+    turning = _with_turning(trial)
+    if turning is None:
         return 0.0
-    _, delta, r, acceleration = _yaw_blocks(trial, ship_scale(trial, None))
+    _, delta, r, acceleration = _yaw_blocks(turning, ship_scale(turning, None))
     columns = [delta, np.ones_like(delta), r, r * np.abs(r)]
     (gain, constant, *_), (error, *_), _ = least_squares(columns, acceleration)
     if abs(gain) <= _HINT * error:
@@ -139,10 +139,14 @@ def with_yaw_rate(trial: xr.Dataset) -> xr.Dataset:
 
 def shown_effect(trial: xr.Dataset) -> RudderEffect | None:
     """Effect of the rudder, with the rate of the heading where no yaw rate is recorded; None for a short record."""
+    turning = _with_turning(trial)
+    return None if turning is None else rudder_effect(turning, ship_scale(turning, None))
+
+
+def _with_turning(trial: xr.Dataset) -> xr.Dataset | None:
+    """Trial with a yaw rate, of the heading where none is recorded; None without both, or for few samples."""
     trial = with_yaw_rate(trial)
-    if "r" not in trial or trial.sizes["time"] < _FEWEST_SAMPLES:
-        return None
-    return rudder_effect(trial, ship_scale(trial, None))
+    return trial if "r" in trial and trial.sizes["time"] >= _FEWEST_SAMPLES else None
 
 
 def _evidence(effect: RudderEffect) -> str:

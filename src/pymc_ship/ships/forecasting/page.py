@@ -132,7 +132,6 @@ def write_forecast_page(
     if stop is not None:
         drawn["forecast_stopping"] = stopping_tracks(stop)
         rows["forecast_stopping"] = stopping_rows(stop)
-    doubts = quality_remarks({f"{name}, measured": trial for name, trial in measured.items()})
     no_roll = [] if all(map(has_roll, forecasts.values())) else [NO_ROLL]
     progress("writing the page")
     values = _head(ship, forecasts, vessel) | {
@@ -143,7 +142,7 @@ def write_forecast_page(
         "spiral": spiral_sentence(turns) if turns is not None else "",
         "stopping": stopping_sentence(stop) if stop is not None else "",
         "stopping_table": table(rows["forecast_stopping"], STOPPING_COLUMNS) if stop is not None else None,
-        "remarks": [*doubts, *ship.remarks, *interval_remarks(ship, forecasts), *no_roll],
+        "remarks": [*measured_doubts(measured), *ship.remarks, *interval_remarks(ship, forecasts), *no_roll],
         "command": command,
     }
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
@@ -204,6 +203,11 @@ def measured_sentences(
 def _missed(row: Mapping) -> str:
     n = fixed_point(_DECIMALS[row["units"]])
     return f"{row['index']} {n(row['measured'])} {row['units']} against {_interval(row, n)}"
+
+
+def measured_doubts(measured: Mapping[str, xr.Dataset]) -> list[str]:
+    """Sentences: doubtful checks of the measured trials, by the name of their forecast."""
+    return quality_remarks({f"{name}, measured": trial for name, trial in measured.items()})
 
 
 def _outside(tree: xr.DataTree) -> str:

@@ -47,7 +47,12 @@ from pymc_ship.ships.identification.candidates import (
     prior_kind_of,
 )
 from pymc_ship.ships.identification.held_out import CrossValidation, forecast_rows, index_noise_sd, unscored_run_remarks
-from pymc_ship.ships.identification.open_loop import measured_states, reading_noise_sd, simulate_open_loop
+from pymc_ship.ships.identification.open_loop import (
+    measured_states,
+    reading_noise_sd,
+    replay_noise_sd,
+    simulate_open_loop,
+)
 from pymc_ship.trial.record import facility_of, sampling_interval, trial_list
 
 _REPLAYS = 40  # draws of a replay of a held-out run
@@ -200,7 +205,7 @@ def identify_ship(
         *(refusal.sentence for refusal in refusals),
         *partial_run_remarks(names, training, fitted),
         *unscored_run_remarks(by_name, training.manoeuvres, fullest_vessel),
-        *([] if ship.held_out_indices.sizes["run"] else [_nothing_held_out(len(trials))]),
+        *([] if ship.held_out_indices.sizes["run"] else [_nothing_held_out(training)]),
         *([] if captive is None else _captive_remarks(captive, candidates[0])),
         *([earlier_runs_remark(candidates[0], training)] if training.earlier else []),
     ]
@@ -261,8 +266,11 @@ def _with_contradictions(sentences: Sequence[str]) -> Iterator[None]:
         raise FitError(" ".join([str(error), *sentences]), refusals=error.refusals) from None
 
 
-def _nothing_held_out(runs: int) -> str:
+def _nothing_held_out(training: Training) -> str:
     """Remark: what the intervals include where no index of a held-out run was compared."""
+    runs = len(training.trials)
+    if runs == 1 and training.earlier:  # whose motion counts
+        runs = len(next(iter(training.earlier.values())).log_density)
     judged_by = (
         "the typical model error of other ships instead of that of this ship"
         if runs == 1
@@ -436,13 +444,13 @@ def _held_out_motion(
     unit = training.vessel.particulars.ship_time
     for k, trial in enumerate(training.trials):
         models = [(c.vessel, c.held_out.draws(k, round(_REPLAYS * c.weight), rng)) for c in candidates]
-        time = trial["time"].values
+        time, readings_sd = trial["time"].values, reading_noise_sd(trial)
         for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
             samples = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
             if samples.stop - samples.start > 1:
                 states = [simulate_open_loop(vessel, draws, trial, samples) for vessel, draws in models if len(draws)]
                 lead, measured = time[samples] - time[begin], measured_states(trial, samples)
-                noise_sd = reading_noise_sd(trial, trial.isel(time=samples))
+                noise_sd = replay_noise_sd(readings_sd, trial.isel(time=samples))
                 yield OpenLoopSimulation(lead, np.concatenate(states, axis=1), measured, noise_sd)
 
 

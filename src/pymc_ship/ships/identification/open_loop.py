@@ -31,25 +31,29 @@ def simulate_open_loop(vessel: Vessel, coefficients: np.ndarray, trial: xr.Datas
     return replay(vessel, inputs, initial, coefficients, interval=interval, substeps=substeps_of(interval, vessel))
 
 
-def reading_noise_sd(trial: xr.Dataset, piece: xr.Dataset) -> np.ndarray:
-    """Sd of the measured states of a piece of a trial about a replay of the true ship, (8, n_time) [SI, rad].
-
-    0 for unmeasured channels. The variance of heading, roll and track counts twice: the initial state of a replay has
-    their noise, too. The noise of the initial heading turns the whole track.
-    """
+def reading_noise_sd(trial: xr.Dataset) -> np.ndarray:
+    """Sd of the readings of each state of a trial, (8,) [SI, rad]; 0 for unmeasured channels."""
     sd = np.zeros(len(STATE))
     for k, name in enumerate(STATE):
         values = trial[name].dropna("time").values if name in trial else np.empty(0)
         if values.size > 2:
             sd[k] = float(second_difference_sd(values))
-    by_time = np.outer(
-        sd * np.where(np.isin(STATE, ("psi", "x", "y", "phi")), np.sqrt(2.0), 1.0), np.ones(piece.time.size)
-    )
+    return sd
+
+
+def replay_noise_sd(noise_sd: np.ndarray, piece: xr.Dataset) -> np.ndarray:
+    """Sd of the measured states of a piece about a replay of the true ship, (8, n_time), by that of the readings (8,).
+
+    The variance of heading, roll and track counts twice: the initial state of a replay has their noise, too. The noise
+    of the initial heading turns the whole track.
+    """
+    twice = np.isin(STATE, ("psi", "x", "y", "phi"))
+    sd = np.repeat((noise_sd * np.where(twice, np.sqrt(2.0), 1.0))[:, None], piece.sizes["time"], axis=1)
     for name, across in (("x", "y"), ("y", "x")):
         if across in piece:
-            turned = sd[STATE.index("psi")] * (piece[across].values - piece[across].values[0])
-            by_time[STATE.index(name)] = np.hypot(by_time[STATE.index(name)], turned)
-    return by_time
+            turned = noise_sd[STATE.index("psi")] * (piece[across].values - piece[across].values[0])
+            sd[STATE.index(name)] = np.hypot(sd[STATE.index(name)], turned)
+    return sd
 
 
 def measured_states(trial: xr.Dataset, samples: slice) -> np.ndarray:

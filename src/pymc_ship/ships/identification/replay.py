@@ -23,7 +23,7 @@ from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
 from pymc_ship.ships.identification.held_out import forecast_rows, index_noise_sd
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
-from pymc_ship.ships.identification.open_loop import reading_noise_sd, simulate_open_loop
+from pymc_ship.ships.identification.open_loop import reading_noise_sd, replay_noise_sd, simulate_open_loop
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import as_trial, check_trial, facility_of, trial_list
 
@@ -265,7 +265,8 @@ def _score_run(
         )
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
     complete = [tree for tree in trees if np.isfinite(tree["bands"].dataset["u"].values[:, -1]).all()]
-    window_scores = [_score_window(tree, reading_noise_sd(trial, tree["measured"].dataset)) for tree in complete]
+    noise_sd = reading_noise_sd(trial)
+    window_scores = [_score_window(tree, replay_noise_sd(noise_sd, tree["measured"].dataset)) for tree in complete]
     mean = dict.fromkeys(_OF_WINDOW, np.full(len(SCORED), np.nan))
     if window_scores:
         mean = {key: np.mean([window[key] for window in window_scores], axis=0) for key in _OF_WINDOW}
