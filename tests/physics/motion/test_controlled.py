@@ -9,6 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.motion import simulation
+from pymc_ship.physics.motion.stepping import simulation_settings
 from tests.physics.motion.test_simulation import CHANNELS, RAMP, only
 
 MANOEUVRES = {
@@ -69,7 +70,7 @@ def test_fixed_steps_converge_to_it_at_their_order(container, method, expected, 
 
 @pytest.mark.parametrize("name", MANOEUVRES)
 def test_runge_kutta_steps_converge_to_it_in_every_manoeuvre(late, references, name):
-    """To first order where the rudder kinks between two steps; the tolerance of dop853 is far below."""
+    """To first order where a programme orders the rudder between two steps; the tolerance of dop853 is far below."""
     steps = (0.1, 0.05, 0.02, 0.01, 0.005)
     settings = {"duration": 120.0, "record_interval": 1.0, "method": "rk4"}
     errors = [error(ps.simulate(late, MANOEUVRES[name], step=step, **settings), references[name]) for step in steps]
@@ -81,6 +82,26 @@ def test_runge_kutta_steps_converge_to_it_in_every_manoeuvre(late, references, n
         )
         < 0.005 * RATE
     )
+
+
+@pytest.mark.parametrize("name", ["zigzag", "turning circle"])
+def test_runge_kutta_steps_have_the_impulse_of_a_rudder_that_kinks_between_them(late, references, name):
+    """The chord of the rudder in a step alone, or of the heading, errs four times as much at least."""
+    run = ps.simulate(late, MANOEUVRES[name], duration=120.0, step=0.1, record_interval=1.0, method="rk4")
+    assert error(run, references[name]) < 4e-6
+
+
+@pytest.mark.parametrize("angle", [5.0, 10.0, 20.0])
+@pytest.mark.parametrize("name", ["container", "kvlcc2"])
+def test_the_steps_of_a_forecast_have_the_indices_of_controlled_error(name, angle):
+    vessel, zigzag = ps.load_vessel(name), ps.zigzag(angle, angle)
+    duration, settings = 20.0 * vessel.particulars.ship_time, simulation_settings(vessel)
+    ours = ps.indices(ps.simulate(vessel, zigzag, duration=duration, **settings))
+    exact = {"step": settings["step"], "method": "dop853", "tolerance": 1e-11}
+    theirs = ps.indices(ps.simulate(vessel, zigzag, duration=duration, **exact))
+    for index, value in theirs.data_vars.items():  # the largest roll is the largest of the samples
+        tolerance = 1e-4 if index == "maximum_roll_angle" else 3e-5
+        np.testing.assert_allclose(ours[index], value, rtol=tolerance, err_msg=index)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.13, 1.3])

@@ -149,8 +149,10 @@ class TestDerivatives:
 class TestMotion:
     @pytest.mark.parametrize(("method", "step"), [("euler", 0.02), ("rk4", 0.1)])
     def test_it_is_the_simulated_one(self, container, method, step):
-        """Along the rudder record that the simulator saves, which is linear between the samples."""
-        run = ps.simulate(container, ps.zigzag(20.0, 20.0), duration=100.0, step=step, method=method)
+        """Along a rudder record that is linear between the samples."""
+        programme = ps.rudder_programme([0.0, 20.0, 45.0, 60.0], [0.0, 0.4, -0.3, 0.1], rate_limited=False)
+        manoeuvre = ps.zigzag(20.0, 20.0) if method == "euler" else programme
+        run = ps.simulate(container, manoeuvre, duration=100.0, step=step, method=method)
         recorded = np.array([run[name].values for name in STATE])
         motion, _ = sensitivities(container, run["delta"].values, recorded[:, 0], interval=step, method=method)
         scale = np.abs(recorded).max(axis=1, keepdims=True)

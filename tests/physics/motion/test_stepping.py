@@ -66,6 +66,9 @@ def test_simulator_and_sensitivities_have_one_range(container, name):
 
 def test_the_interval_of_the_samples_follows_a_given_step(container):
     by_default, given = simulation_settings(container), simulation_settings(container, step=0.25, wind=(5.0, 0.0))
-    assert by_default["step"] == pytest.approx(container.particulars.ship_time / 240)
-    assert given == {"step": 0.25, "record_interval": 1.0, "method": "rk4", "wind": (5.0, 0.0)}
-    assert simulation_settings(container, step=0.25, record_interval=0.25)["record_interval"] == 0.25
+    assert by_default["step"] == pytest.approx(container.particulars.ship_time / 60)
+    assert by_default["record_interval"] == by_default["step"] > 0.25
+    assert given == {"step": 0.25, "record_interval": 0.25, "method": "rk4", "wind": (5.0, 0.0)}
+    assert simulation_settings(container, step=0.1)["record_interval"] == pytest.approx(0.3)
+    assert simulation_settings(container, step=0.5)["record_interval"] == 0.5
+    assert simulation_settings(container, step=0.1, record_interval=0.1)["record_interval"] == 0.1

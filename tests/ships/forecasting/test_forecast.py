@@ -7,7 +7,7 @@ from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.draws import fitted_motion, sensor_noise
 from pymc_ship.ships.ensemble.scores import BANDS, quantiles
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
-from pymc_ship.ships.forecasting.forecast import draws_text, has_roll, pooled_forecast
+from pymc_ship.ships.forecasting.forecast import _median_draw, draws_text, has_roll, pooled_forecast
 from pymc_ship.trial.channels import SIMULATED
 from tests.inference.trajectory.cases import unmodelled_roll_text
 from tests.ships.ensemble.cases import posterior_forecast
@@ -242,6 +242,40 @@ def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_t
         xr.testing.assert_identical(fitted_motion(posteriors), fitted["constant_data"]["motion"])
         result = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
         assert np.isfinite(result.attrs["extrapolated_fraction"])
+
+
+class TestMedianDraw:
+    def test_it_has_the_median_indices(self, container):
+        """The median of ordered draws is the middle one, in any order."""
+        factors = np.array([1.04, 0.98, 1.0, 1.02, 0.96])
+        draws = np.outer(factors, reference_coefficients(container))
+        turn = ps.turning_circle(35.0)
+        tree = pooled_forecast([(container, draws)], turn, duration=300.0, ci_prob=0.9, rng=np.random.default_rng(1))
+        advance = tree["indices"]["advance"].values
+        assert advance[tree.attrs["median_draw"]] == np.median(advance)
+
+    def test_model_error_of_the_indices_does_not_matter(self, container):
+        draws = reference_coefficients(container) * np.linspace(0.95, 1.05, 11)[:, None]
+        settings = {"duration": 200.0, "ci_prob": 0.9, "rng": np.random.default_rng(1)}
+        errors = dict.fromkeys(("angle", "time", "distance", "roll"), 0.5)
+        bare, erring = (
+            pooled_forecast([(container, draws)], ZIGZAG, errors=given, **settings) for given in (None, errors)
+        )
+        assert not np.allclose(bare["indices"]["first_overshoot_angle"], erring["indices"]["first_overshoot_angle"])
+        assert erring.attrs["median_draw"] == bare.attrs["median_draw"]
+
+    def test_it_has_not_diverged_unless_all_have(self):
+        values = xr.Dataset({"advance": ("draw", [1.0, 2.0, 4.0, np.nan])})
+        assert _median_draw(values, np.array([True, True, True, False])) == 1
+        assert _median_draw(values, np.array([True, False, True, False])) == 0
+        assert _median_draw(values, np.zeros(4, dtype=bool)) == 1
+
+    def test_manoeuvres_without_indices_go_by_the_track(self, container):
+        draws = reference_coefficients(container) * (1.0 + 0.02 * np.random.default_rng(1).standard_normal((24, 102)))
+        settings = {"duration": 100.0, "ci_prob": 0.9, "rng": np.random.default_rng(1)}
+        tree = pooled_forecast([(container, draws)], STEPS, **settings)
+        ends = tree["trajectories"]["y"].values[:, -1]
+        assert abs(ends[tree.attrs["median_draw"]] - np.median(ends)) < 0.5 * np.std(ends)
 
 
 class TestShipsThatRollAndShipsThatDoNot:

@@ -8,8 +8,8 @@ import xarray as xr
 from matplotlib.patches import Polygon
 
 import pymc_ship as ps
-from pymc_ship.ships.forecasting.track import hull, median_ship, track
-from tests.ships.forecasting.cases import MANOEUVRES, case, drawn, forecast, labelled, legend, scattered
+from pymc_ship.ships.forecasting.track import hull, track
+from tests.ships.forecasting.cases import MANOEUVRES, case, drawn, forecast, labelled, legend
 
 L, B = 230.66, 32.0
 
@@ -36,35 +36,6 @@ class TestHull:
         assert np.ptp(outline[:, 0]) == pytest.approx(B / L)
 
 
-class TestMedianShip:
-    def test_it_is_the_ship_with_the_median_indices(self):
-        """The median ship of ordered draws is the middle one, in any order."""
-        vessel = ps.load_vessel("container")
-        factors = np.array([1.04, 0.98, 1.0, 1.02, 0.96])
-        tree = forecast(vessel, MANOEUVRES["port"][0], 300.0, np.outer(factors, scattered(vessel, 1, 0.0)[0]))
-        advance = tree["indices"]["advance"].values
-        assert advance[median_ship(tree)] == np.median(advance)
-
-    def test_model_error_of_the_indices_does_not_matter(self):
-        tree = case("port")[1].copy(deep=True)
-        chosen = median_ship(tree)
-        tree["indices"]["advance"].values[:] = np.linspace(0.0, 1e4, 24)
-        assert median_ship(tree) == chosen
-
-    def test_a_ship_that_diverged_is_not_chosen(self):
-        tree = case("port")[1].copy(deep=True)
-        first = median_ship(tree)
-        tree["trajectories"]["diverged"].values[first] = True
-        assert median_ship(tree) != first
-
-    def test_manoeuvres_without_indices_go_by_the_track(self):
-        vessel = ps.load_vessel("container")
-        steps = ps.rudder_programme([0.0, 20.0, 60.0], [0.0, 0.3, -0.3])
-        tree = forecast(vessel, steps, 100.0)
-        ends = tree["trajectories"]["y"].values[:, -1]
-        assert abs(ends[median_ship(tree)] - np.median(ends)) < 0.5 * np.std(ends)
-
-
 class TestTrack:
     def test_the_measured_line_begins_at_the_origin_and_ends_where_the_run_does(self):
         _, _, run, _ = case("zigzag")
@@ -78,7 +49,7 @@ class TestTrack:
         _, tree, run, _ = case(side)
         ax = drawn(side, "track").axes[0]
         sign = {"starboard": 1.0, "port": -1.0}[side]
-        own = tree["indices"].to_dataset().isel(draw=median_ship(tree)) / L
+        own = tree["indices"].to_dataset().isel(draw=tree.attrs["median_draw"]) / L
         (mark,) = labelled(ax, "90° of heading").get_xydata()
         np.testing.assert_allclose(mark, [sign * float(own["transfer"]), float(own["advance"])], atol=1e-3)
         (mark,) = labelled(ax, "180° of heading").get_xydata()
@@ -130,7 +101,7 @@ class TestTrack:
         ax = drawn("starboard", "track").axes[0]
         outlines = [patch for patch in ax.patches if isinstance(patch, Polygon)]
         interval = float(ax.get_title(loc="left").split("every ")[1].split(" s")[0])
-        ship = tree["trajectories"].to_dataset().isel(draw=median_ship(tree))
+        ship = tree["trajectories"].to_dataset().isel(draw=tree.attrs["median_draw"])
         turned = np.rad2deg(np.abs(ship["psi"].values))
         n = int(np.sum(turned[ship["time"].values % interval < 1e-9] <= 360.0))
         assert n > 5

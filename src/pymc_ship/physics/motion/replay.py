@@ -13,6 +13,7 @@ from pymc_ship.physics.motion.stepping import (
     LANES,
     METHODS,
     N_INPUTS,
+    Inputs,
     Record,
     advance_along,
     copy,
@@ -31,7 +32,7 @@ def _replay(coefficients: np.ndarray, scheme: Scheme, initial: np.ndarray, recor
     lanes = lanes_at_rest(n_lanes, record.integration.stages.shape[0], scheme)
     set_parts(coefficients, scheme, lanes.work)
     copy(lanes.state[:n_states], initial)
-    inputs, following = np.empty((values.shape[0], n_lanes)), np.empty((values.shape[0], n_lanes))
+    inputs = Inputs(np.empty((values.shape[0], n_lanes)), np.empty((values.shape[0], n_lanes)), np.zeros(n_lanes))
     diverged = np.full(n_lanes, -1)
     for k in range(n_blocks * block):
         if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
@@ -42,9 +43,9 @@ def _replay(coefficients: np.ndarray, scheme: Scheme, initial: np.ndarray, recor
         for part in range(substeps):
             for row in range(values.shape[0]):
                 change = (values[row, min(k + 1, n_time - 1)] - values[row, k]) / substeps
-                inputs[row] = values[row, k] + part * change
-                following[row] = values[row, k] + (part + 1) * change
-            advance_along(lanes, inputs, following, coefficients, scheme, record.integration)
+                inputs.before[row] = values[row, k] + part * change
+                inputs.after[row] = values[row, k] + (part + 1) * change
+            advance_along(lanes, inputs, coefficients, scheme, record.integration)
     for lane in range(n_lanes):
         if diverged[lane] >= 0:
             out[:, lane] = np.nan

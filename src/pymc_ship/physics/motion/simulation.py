@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from pymc_ship.physics.motion.stepping import (
     METHODS,
     N_INPUTS,
     STATE_ROWS,
+    Inputs,
     Integration,
     advance_along,
     integration,
@@ -39,7 +41,7 @@ class Steering(NamedTuple):
     """Steering of a simulation: the ``command`` (n_steps,) [rad] and the largest movement in a step, ``travel`` [rad].
 
     ``delay`` steps after a change of heading by ``heading`` [rad], the command is multiplied by ``factor``: within a
-    step if ``within`` is 1, else at the begin of the next.
+    step if ``within`` is 1, else at the begin of the next. A ``step`` has a duration [s].
     """
 
     command: np.ndarray
@@ -48,43 +50,68 @@ class Steering(NamedTuple):
     factor: float
     delay: float
     within: float
+    step: float
 
 
 class Rudder(NamedTuple):
     """State of the rudders, (n_lanes,): angles [rad] at begin and end of a step, factor on the command.
 
+    ``bend`` [rad] is how far the angle amid a step lies beside the chord, so that Simpson's rule has its integral.
     ``waiting`` are the steps until the next switch, ``psi`` [rad] is the heading one step earlier.
     """
 
     delta: np.ndarray
     following: np.ndarray
+    bend: np.ndarray
     factor: np.ndarray
     waiting: np.ndarray
     psi: np.ndarray
 
 
 @njit(**PART)
-def _steer(steering: Steering, psi: np.ndarray, command: float, rudder: Rudder) -> None:
+def _follow(delta: float, command: float, fraction: float, travel: float) -> tuple[float, float]:
+    """Rudder angle after a fraction of a step, and its integral over the fraction [rad steps].
+
+    A fraction below 0 is one of the last step, in which the rudder stood still, and goes off the integral.
+    """
+    most = fraction * travel if fraction > 0.0 else 0.0
+    moved = min(max(command - delta, -most), most)
+    return delta + moved, fraction * (delta + moved) - 0.5 * moved * abs(moved) / travel
+
+
+@njit(**PART)
+def _steps_since(beyond: float, turned: float, slope: float) -> float:
+    """Fraction of a step since a heading was passed, by the parabola of the heading change in the step and its end."""
+    if beyond <= 0.0:
+        return 0.0
+    passed = beyond / max(turned, beyond)
+    return beyond / max(turned + (slope - turned) * (1.0 - passed), beyond)
+
+
+@njit(**PART)
+def _steer(steering: Steering, state: np.ndarray, command: float, rudder: Rudder) -> None:
     """Rudder angle after one step: switch the command after the switching heading, follow it at the rudder rate."""
-    factor, waiting, travel = rudder.factor, rudder.waiting, steering.travel
+    psi, factor, waiting, travel = state[5], rudder.factor, rudder.waiting, steering.travel
     for lane in range(psi.size):
         side = -np.sign(factor[lane] * command)
         beyond = side * psi[lane] - steering.heading
         if waiting[lane] == np.inf and beyond >= 0.0:
-            passed = beyond / max(side * (psi[lane] - rudder.psi[lane]), beyond) if beyond > 0.0 else 0.0
-            waiting[lane] = steering.delay - steering.within * passed
+            turned = side * (psi[lane] - rudder.psi[lane])
+            slope = side * steering.step * state[2, lane] * math.cos(state[4, lane])
+            waiting[lane] = steering.delay - steering.within * _steps_since(beyond, turned, slope)
         rudder.psi[lane] = psi[lane]
-        delta, fraction = rudder.delta[lane], 1.0
+        delta, fraction, mean = rudder.delta[lane], 1.0, 0.0
         if waiting[lane] < 1.0:
-            before = waiting[lane] * travel if waiting[lane] > 0.0 else 0.0
-            delta += min(max(factor[lane] * command - delta, -before), before)
+            delta, mean = _follow(delta, factor[lane] * command, waiting[lane], travel)
             fraction -= waiting[lane]
             factor[lane] *= steering.factor
             waiting[lane] = np.inf
         else:
             waiting[lane] -= 1.0
-        after = fraction * travel
-        rudder.following[lane] = delta + min(max(factor[lane] * command - delta, -after), after)
+        delta, after = _follow(delta, factor[lane] * command, fraction, travel)
+        rudder.following[lane] = delta
+        if travel < np.inf:
+            rudder.bend[lane] = 1.5 * (mean + after) - 0.75 * (rudder.delta[lane] + delta)
 
 
 @njit(**KERNEL)
@@ -97,12 +124,12 @@ def _integrate(
     set_parts(coefficients, scheme, lanes.work)
     for row in range(start.state.size):
         lanes.state[row] = start.state[row]
-    inputs, following = np.zeros((N_INPUTS, n_lanes)), np.zeros((N_INPUTS, n_lanes))
-    inputs[0] = command[0] if steering.travel == np.inf else 0.0
+    inputs = Inputs(np.zeros((N_INPUTS, n_lanes)), np.zeros((N_INPUTS, n_lanes)), np.zeros(n_lanes))
+    inputs.before[0] = command[0] if steering.travel == np.inf else 0.0
     for row in range(start.others.size):
-        inputs[1 + row], following[1 + row] = start.others[row], start.others[row]
-    delta = inputs[0]
-    rudder = Rudder(delta, following[0], np.ones(n_lanes), np.full(n_lanes, np.inf), lanes.state[5].copy())
+        inputs.before[1 + row], inputs.after[1 + row] = start.others[row], start.others[row]
+    delta, waiting = inputs.before[0], np.full(n_lanes, np.inf)
+    rudder = Rudder(delta, inputs.after[0], inputs.bend, np.ones(n_lanes), waiting, lanes.state[5].copy())
     diverged = np.full(n_lanes, -1)
     for k in range(command.size):
         if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
@@ -114,8 +141,8 @@ def _integrate(
                         out[row, lane, k // steps.substeps] = lanes.state[row, lane]
                     out[STATE_ROWS, lane, k // steps.substeps] = delta[lane]
         ahead = command[min(k + 1, command.size - 1)] if steering.travel == np.inf else command[k]
-        _steer(steering, lanes.state[5], ahead, rudder)
-        advance_along(lanes, inputs, following, coefficients, scheme, steps)
+        _steer(steering, lanes.state, ahead, rudder)
+        advance_along(lanes, inputs, coefficients, scheme, steps)
         for lane in range(n_lanes):
             delta[lane] = rudder.following[lane]
     return diverged
@@ -267,7 +294,7 @@ def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integra
     delay, within = vessel.particulars.rudder_delay / steps.step, len(steps.stages) > 1
     command, travel = manoeuvre.command(np.arange(n_steps) * steps.step), rudder_rate(vessel, manoeuvre) * steps.step
     delay = delay if within else float(round(delay))
-    return Steering(command, travel, float(heading), float(factor), delay, float(within))
+    return Steering(command, travel, float(heading), float(factor), delay, float(within), steps.step)
 
 
 def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:

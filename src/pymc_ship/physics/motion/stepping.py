@@ -25,7 +25,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 METHODS = ("euler", "rk4")  # integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta
 STATE_ROWS, N_INPUTS = len(STATE), len(INPUTS)
 
-STEPS, RECORDED = 240, 4  # integration steps per L/U and per sample of simulation_settings
+STEPS = 60  # integration steps and samples per L/U of simulation_settings
 LANES = 16  # draws integrated by one kernel call
 _RK4 = np.column_stack([[0.0, 0.5, 0.5, 1.0], np.array([1.0, 2.0, 2.0, 1.0]) / 6.0])
 _STAGES = {"euler": np.array([[0.0, 1.0]]), "rk4": _RK4}
@@ -48,6 +48,17 @@ class Record(NamedTuple):
     inputs: np.ndarray
     integration: Integration
     block: int
+
+
+class Inputs(NamedTuple):
+    """Inputs (4, n_lanes) at begin and end of a step, between which they are linear.
+
+    ``bend`` (n_lanes,) [rad] is how far the rudder angle amid the step lies beside that line.
+    """
+
+    before: np.ndarray
+    after: np.ndarray
+    bend: np.ndarray
 
 
 class Lanes(NamedTuple):
@@ -148,23 +159,24 @@ def mark_divergence(state: np.ndarray, hull: np.record, step: int, diverged: np.
 
 
 @njit(**LINKED)
-def advance_along(
-    lanes: Lanes, inputs: np.ndarray, following: np.ndarray, theta: np.ndarray, scheme: Scheme, steps: Integration
-) -> None:
-    """One step while the inputs (4, n_lanes) move from one value to another."""
+def advance_along(lanes: Lanes, inputs: Inputs, theta: np.ndarray, scheme: Scheme, steps: Integration) -> None:
+    """One step while the inputs move from one value to another."""
     for stage in range(steps.stages.shape[0]):
         fraction = steps.stages[stage, 0]
-        for row in range(inputs.shape[0]):
-            for lane in range(inputs.shape[1]):
-                change = following[row, lane] - inputs[row, lane]
-                lanes.inputs[stage, row, lane] = inputs[row, lane] + fraction * change
+        for row in range(inputs.before.shape[0]):
+            for lane in range(inputs.before.shape[1]):
+                change = inputs.after[row, lane] - inputs.before[row, lane]
+                lanes.inputs[stage, row, lane] = inputs.before[row, lane] + fraction * change
+        for lane in range(inputs.bend.size):
+            lanes.inputs[stage, 0, lane] += 4.0 * fraction * (1.0 - fraction) * inputs.bend[lane]
     advance(lanes, theta, scheme, steps)
 
 
 def simulation_settings(vessel: Vessel, **given: Any) -> dict[str, Any]:
     """Step, sampling interval and method for a vessel, from its L/U where they are not given, and all else given."""
-    step = given.get("step", vessel.particulars.ship_time / STEPS)
-    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"} | given
+    default = vessel.particulars.ship_time / STEPS
+    step = given.get("step", default)
+    return {"step": step, "record_interval": max(int(default / step), 1) * step, "method": "rk4"} | given
 
 
 def rudder_rate(vessel: Vessel, manoeuvre: Manoeuvre) -> float:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -20,33 +18,28 @@ _REACH = 60.0  # L/U, of the manoeuvres
 _STEP = 1.0 / 30.0  # L/U
 
 
-def is_feasible(
-    vessel: Vessel,
-    coefficients: np.ndarray,
-    manoeuvres: Sequence[Manoeuvre] = STANDARD,
-    reach: float = _REACH,
-    **around: Any,
-) -> np.ndarray:
+def is_feasible(vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
     """Whether draws are feasible: no divergence, speed within :data:`FASTEST`, radius of turn within :data:`TIGHTEST`.
 
-    The radius of a model that is valid at any speed is not limited. ``coefficients`` have shape (n_draws,
-    n_coefficients); ``reach`` is the duration [L/U_nom]; ``around`` are ``n``, ``wind`` and ``current`` of
-    :func:`pymc_ship.simulate`.
+    The manoeuvres are the standard ones. The radius of a model that is valid at any speed is not limited.
+    ``coefficients`` have shape (n_draws, n_coefficients).
     """
     feasible = np.ones(len(coefficients), dtype=bool)
-    for manoeuvre in manoeuvres:
-        ships = _simulate(vessel, coefficients, manoeuvre, reach, **around)
-        fast, tight = _exceedances(vessel, manoeuvre, ships)
-        feasible &= ~(ships["diverged"].values | (fast | tight).any(axis=1))
+    for manoeuvre in STANDARD:
+        feasible &= feasible_runs(vessel, manoeuvre, _simulate(vessel, coefficients, manoeuvre))
     return feasible
 
 
-def _simulate(
-    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, reach: float, **around: Any
-) -> xr.Dataset:
+def feasible_runs(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> np.ndarray:
+    """Whether simulated draws, dims (draw, time), are feasible, as in :func:`is_feasible`."""
+    fast, tight = _exceedances(vessel, manoeuvre, ships)
+    return ~(ships["diverged"].values | (fast | tight).any(axis=1))
+
+
+def _simulate(vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre) -> xr.Dataset:
     unit = vessel.particulars.ship_time
-    duration, step = reach * unit, _STEP * unit
-    return simulate(vessel, manoeuvre, duration=duration, step=step, method="rk4", coefficients=coefficients, **around)
+    settings = {"duration": _REACH * unit, "step": _STEP * unit, "method": "rk4"}
+    return simulate(vessel, manoeuvre, coefficients=coefficients, **settings)
 
 
 def _exceedances(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +69,7 @@ class Failure:
 def first_failure(vessel: Vessel, coefficients: np.ndarray) -> Failure | None:
     """First standard manoeuvre in which one ship (n_coefficients,) is not feasible, or None."""
     for manoeuvre in STANDARD:
-        ship = _simulate(vessel, coefficients[None], manoeuvre, _REACH)
+        ship = _simulate(vessel, coefficients[None], manoeuvre)
         (fast,), (tight,) = _exceedances(vessel, manoeuvre, ship)
         ship = ship.isel(draw=0)
         times = {

@@ -5,15 +5,19 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.threads import map_in_threads
+
 BANDS = ("lower", "median", "upper")  # values of the coordinate ``band`` of a forecast
 
 
 def quantile_bands(values: xr.Dataset, ci_prob: float) -> xr.Dataset:
     """Equal-tailed band and median over the draws that are not NaN."""
     tail = 0.5 * (1.0 - ci_prob)
+    named = list(values.data_vars.items())
+    bands = map_in_threads(lambda one: quantiles(one[1].values, [tail, 0.5, 1.0 - tail]), named)
     variables = {
-        name: (("band", *variable.dims[1:]), quantiles(variable.values, [tail, 0.5, 1.0 - tail]), variable.attrs)
-        for name, variable in values.data_vars.items()
+        name: (("band", *variable.dims[1:]), band, variable.attrs)
+        for (name, variable), band in zip(named, bands, strict=True)
     }
     coords = {"band": list(BANDS)} | {name: values.coords[name] for name in values.coords if name != "draw"}
     return xr.Dataset(variables, coords)

@@ -17,7 +17,7 @@ from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import align_to_first_execute
 from pymc_ship.ships.ensemble.scores import BANDS
-from pymc_ship.ships.forecasting.track import median_ship, track
+from pymc_ship.ships.forecasting.track import track
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
 _FALLEN = 0.5  # heading change [deg] after which an overshoot's peak is passed
@@ -81,7 +81,7 @@ def turns_and_overshoots(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -
         colour, kind = colours[tree.attrs["side"]], kind_named(tree.attrs["manoeuvre"])
         if kind.circles:
             ships = thinned(tree["trajectories"].to_dataset(), _POINTS)
-            L, median = vessel.particulars.L, median_ship(tree)
+            L, median = vessel.particulars.L, tree.attrs["median_draw"]
             styles: list[tuple[int, dict[str, Any]]] = [
                 *((draw, {"lw": 0.4, "alpha": 0.3}) for draw in range(min(ships.sizes["draw"], _TRACKS))),
                 (median, {"lw": 1.6, "label": tree.attrs["label"]}),
@@ -127,7 +127,7 @@ def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
     for k, level in enumerate((heading, -heading)):
         label = "switching headings" if k == 0 else None
         ax.axhline(level, color=REFERENCE, lw=0.7, ls="--", label=label)
-    ship = tree["trajectories"].to_dataset().isel(draw=median_ship(tree))
+    ship = tree["trajectories"].to_dataset().isel(draw=tree.attrs["median_draw"])
     sign, bands = SIDES[side], tree["index_bands"].to_dataset()
     for k, (name, (when, _)) in enumerate(zip(OVERSHOOTS, overshoot_peaks(ship, heading, side), strict=False)):
         values = bands[name]

@@ -20,13 +20,14 @@ from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
 from pymc_ship.records.steering.measured import order_sentence
 from pymc_ship.records.steering.recognition import Steering, with_steering
 from pymc_ship.ships.ensemble.draws import Models, suitable_models, thinned_draws
-from pymc_ship.ships.ensemble.feasibility import is_feasible
+from pymc_ship.ships.ensemble.feasibility import feasible_runs
 from pymc_ship.ships.ensemble.index_error import reliability, steady_error, with_model_error
 from pymc_ship.ships.ensemble.scores import quantile_bands, quantiles
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import UNKNOWN, extrapolation, percentage_outside, sentence
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 
+_SPARSE = 20  # samples from one to the next that is compared, where a manoeuvre has no indices
 NO_ROLL = "There is no forecast of roll angles: none or too few of the simulated ships roll."
 
 
@@ -74,8 +75,9 @@ def forecast(
         the draws that have not diverged; ``measured_bands`` add the sensor noise where it is known. For a ship with
         model error, ``indices`` and their bands include it, and infeasible draws are left out. ``extrapolation``, where
         the motion of the runs is known: ``outside_fraction`` and median ``distance`` over time, medians of
-        :func:`.extrapolation` over symbol. Attrs: ``diverged_fraction``, ``infeasible_fraction`` (infeasible),
-        ``extrapolated_fraction`` (NaN where unknown), and the sentences ``extrapolation`` and ``steering``.
+        :func:`.extrapolation` over symbol. Attrs: ``median_draw`` (nearest the medians of indices or track),
+        ``diverged_fraction``, ``infeasible_fraction``, ``extrapolated_fraction`` (NaN where unknown), and the sentences
+        ``extrapolation`` and ``steering``.
 
     Raises
     ------
@@ -113,36 +115,29 @@ def forecast(
         manoeuvre = replace(manoeuvre, approach_speed=speed if np.isfinite(speed) else None)
     unit = all_models[0][0].particulars.ship_time
     duration = manoeuvre.traits.reach * unit if duration is None else duration
-    drawn = thinned_draws(all_models, draws)
-    models = drawn
-    errors = None
-    if ship.index_error is not None:
-        models = _feasible(drawn, manoeuvre, duration / unit, environment)
-        errors = ship.index_error | steady_error(ship.motion_error)
+    models, has_error = thinned_draws(all_models, draws), ship.index_error is not None
+    errors = ship.index_error | steady_error(ship.motion_error) if has_error else None
     settings = simulation_settings(models[0][0], **settings, **environment, duration=duration, ci_prob=ci_prob)
     data: dict[str, Any] = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
-    data["growth"] = ship.growth_at
+    data |= {"growth": ship.growth_at, "only_feasible": has_error}
     tree = pooled_forecast(models, manoeuvre, rng=rng, **data, **settings)
     approach = tree.attrs["approach_speed"]
     sentences = [_steering_sentence(models[0][0], ship.facilities, facility)]
     sentences += [order_sentence(tree.attrs["rudder_delay"], approach)] if manoeuvre.traits.indices else []
     sentences += [f"The approach is at {approach:.4g} m/s."] if facility is not None else []
     tree.attrs["steering"] = " ".join(sentences)
-    tree.attrs["infeasible_fraction"] = 1.0 - tree.attrs["draws"] / sum(len(rows) for _, rows in drawn)
     return tree
 
 
-def _feasible(
-    models: Models, manoeuvre: Manoeuvre, reach: float, environment: Mapping[str, object]
-) -> list[tuple[Vessel, np.ndarray]]:
-    """Models with the draws that are feasible in a manoeuvre; FitError where fewer than two are."""
-    feasible = [(vessel, rows[is_feasible(vessel, rows, [manoeuvre], reach, **environment)]) for vessel, rows in models]
-    if sum(len(rows) for _, rows in feasible) < 2:
+def _feasible(models: Models, manoeuvre: Manoeuvre, runs: list[xr.Dataset]) -> list[xr.Dataset]:
+    """Simulated draws of the models that are feasible; FitError where fewer than two are."""
+    feasible = [run[{"draw": feasible_runs(ship, manoeuvre, run)}] for run, (ship, _) in zip(runs, models, strict=True)]
+    if sum(run.sizes["draw"] for run in feasible) < 2:
         raise FitError(
             f"A forecast needs two feasible draws, found fewer: the others diverge in the {manoeuvre.label}; "
             "add trials or a prior."
         )
-    return [(vessel, rows) for vessel, rows in feasible if len(rows)]
+    return feasible
 
 
 def _steering_sentence(vessel: Vessel, facilities: Mapping[str, Steering], facility: str | None) -> str:
@@ -178,6 +173,7 @@ def pooled_forecast(
     motion: xr.DataArray | None = None,
     errors: Mapping[str, np.ndarray | float] | None = None,
     growth: Callable[[float], np.ndarray | float] = lambda beyond: 1.0,
+    only_feasible: bool = False,
     **settings: Any,
 ) -> xr.DataTree:
     """As :func:`forecast`, with the draws of models that differ in terms and parts alone.
@@ -189,30 +185,34 @@ def pooled_forecast(
     :meth:`.Ship.growth_at`.
     """
     runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
-    rolling = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])
+    if only_feasible:
+        runs = _feasible(models, manoeuvre, runs)
+    rolling = np.concatenate([np.full(run.sizes["draw"], "roll" in run.attrs["dofs"].split()) for run in runs])
     if not rolling.all() and rolling.sum() < round(2.0 / (1.0 - ci_prob)):
         rolling[:] = False
     vessel = most_dofs(ship for ship, _ in models if rolling.any() or "roll" not in ship.dofs)
     shown = [name for name in SIMULATED if "roll" in vessel.dofs or not CHANNELS[name].rolling]
-    simulated = runs[0]
-    if len(runs) > 1:
-        simulated = xr.concat(runs, "draw", combine_attrs="override")
-        simulated = simulated.assign_coords(draw=np.arange(simulated.sizes["draw"]))
-        simulated = simulated.assign_attrs(dofs=" ".join(vessel.dofs))
+    simulated = xr.concat(runs, "draw", combine_attrs="override") if len(runs) > 1 else runs[0]
+    simulated = simulated.assign_coords(draw=np.arange(simulated.sizes["draw"]))
+    simulated = simulated.assign_attrs(dofs=" ".join(vessel.dofs))
     ships = _nan_without_roll(simulated, rolling, lambda name: name in CHANNELS and CHANNELS[name].rolling)
     groups = {"trajectories": ships, "bands": quantile_bands(ships[shown], ci_prob)}
     if noise:
         groups["measured_bands"] = quantile_bands(_with_noise(ships[shown], noise, rng), ci_prob)
     departures = None if motion is None else _summarise_extrapolation(extrapolation(vessel, simulated, motion))
     beyond = float(np.nanmax(departures["distance"])) if departures is not None else 0.0
+    compared = ships[["x", "y", "psi"]].isel(time=slice(0, None, _SPARSE))
     if manoeuvre.traits.indices:
         kinds = manoeuvre.traits.indices
         index_draws = _nan_without_roll(indices(simulated), rolling, lambda name: needs_roll(kinds[name]))
+        compared = index_draws
         if errors is not None:
             index_draws = with_model_error(index_draws, errors, vessel, rng, beyond=beyond, growth=growth(beyond))
         groups |= {"indices": index_draws, "index_bands": quantile_bands(index_draws, ci_prob)}
     attrs = ships.attrs | {"label": manoeuvre.label, "draws": ships.sizes["draw"], "ci_prob": ci_prob, "ci_kind": "eti"}
     attrs |= {
+        "median_draw": _median_draw(compared, ~ships["diverged"].values),
+        "infeasible_fraction": 1.0 - ships.sizes["draw"] / sum(len(rows) for _, rows in models),
         "diverged_fraction": float(ships["diverged"].mean()),
         "extrapolated_fraction": np.nan,
         "extrapolation": UNKNOWN,
@@ -223,6 +223,16 @@ def pooled_forecast(
         attrs["extrapolated_fraction"] = departures.attrs["extrapolated_fraction"]
         attrs["extrapolation"] = sentence(vessel, departures)
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
+
+
+def _median_draw(values: xr.Dataset, running: np.ndarray) -> int:
+    """Draw whose values, dims (draw, ...), are nearest their medians; a diverged one if all diverged."""
+    distance = np.zeros(running.size)
+    for value in np.concatenate([one.values.reshape(running.size, -1) for one in values.data_vars.values()], axis=1).T:
+        if np.isfinite(value).any() and np.nanstd(value) > 0.0:
+            away = ((value - np.nanmedian(value)) / np.nanstd(value)) ** 2
+            distance += np.where(np.isfinite(away), away, 100.0)
+    return int(np.argmin(np.where(running, distance, np.inf) if running.any() else distance))
 
 
 def _nan_without_roll(values: xr.Dataset, rolling: np.ndarray, of_roll: Callable[[str], bool]) -> xr.Dataset:

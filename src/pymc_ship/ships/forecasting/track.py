@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from pymc_ship.pages.drawing import BLUE, REFERENCE, house_style, subplots
-from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.kinds import SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -24,21 +23,6 @@ _N_TRACKS = 40  # draws whose tracks are drawn
 _INTERVALS = (1, 2, 5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600)
 _SPACING, _POINTS, _FIRST_ROUND, _SHOWN_TURN = 1.6, 160, 360.0, 420.0
 _ROOM = 0.11  # room for a dimension line and its text, as a fraction of the larger range of the track
-
-
-def median_ship(tree: xr.DataTree) -> int:
-    """Draw whose indices (or track, without indices) are nearest the medians; a diverged one if all diverged."""
-    ships = tree["trajectories"].to_dataset()
-    if "indices" in tree.children:
-        columns = [values.values for values in indices(ships).data_vars.values()]
-    else:
-        columns = [ships[name].values[:, k] for name in ("x", "y", "psi") for k in range(0, ships.sizes["time"], 20)]
-    distance, running = np.zeros(ships.sizes["draw"]), ~ships["diverged"].values
-    for values in columns:
-        if np.isfinite(values).any() and np.nanstd(values) > 0.0:
-            away = ((values - np.nanmedian(values)) / np.nanstd(values)) ** 2
-            distance += np.where(np.isfinite(away), away, 100.0)
-    return int(np.argmin(np.where(running, distance, np.inf) if running.any() else distance))
 
 
 def hull(vessel: Vessel, x: float, y: float, psi: float) -> np.ndarray:
@@ -109,7 +93,7 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     turning = kind_named(tree.attrs["manoeuvre"]).circles
     most = _SHOWN_TURN if turning else np.inf
     ships = tree["trajectories"].to_dataset()
-    median = median_ship(tree)
+    median = tree.attrs["median_draw"]
     shown = [median, *(k for k in range(ships.sizes["draw"]) if k != median)][:_N_TRACKS]
     drawn = [_until(ships.isel(draw=k), most) for k in shown]
     trial = _measured_track(tree, measured, most)
