@@ -294,7 +294,15 @@ def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integra
     delay, within = vessel.particulars.rudder_delay / steps.step, len(steps.stages) > 1
     command, travel = manoeuvre.command(np.arange(n_steps) * steps.step), rudder_rate(vessel, manoeuvre) * steps.step
     delay = delay if within else float(round(delay))
-    return Steering(command, travel, float(heading), float(factor), delay, float(within), steps.step)
+    return Steering(
+        command=command,
+        travel=travel,
+        heading=float(heading),
+        factor=float(factor),
+        delay=delay,
+        within=float(within),
+        step=steps.step,
+    )
 
 
 def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:

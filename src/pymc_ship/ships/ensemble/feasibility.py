@@ -38,8 +38,8 @@ def feasible_runs(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> np
 
 def _simulate(vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre) -> xr.Dataset:
     unit = vessel.particulars.ship_time
-    settings = {"duration": _REACH * unit, "step": _STEP * unit, "method": "rk4"}
-    return simulate(vessel, manoeuvre, coefficients=coefficients, **settings)
+    duration, step = _REACH * unit, _STEP * unit
+    return simulate(vessel, manoeuvre, duration=duration, step=step, method="rk4", coefficients=coefficients)
 
 
 def _exceedances(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

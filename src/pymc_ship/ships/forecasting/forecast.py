@@ -115,11 +115,11 @@ def forecast(
         manoeuvre = replace(manoeuvre, approach_speed=speed if np.isfinite(speed) else None)
     unit = all_models[0][0].particulars.ship_time
     duration = manoeuvre.traits.reach * unit if duration is None else duration
-    models, has_error = thinned_draws(all_models, draws), ship.index_error is not None
-    errors = ship.index_error | steady_error(ship.motion_error) if has_error else None
+    models = thinned_draws(all_models, draws)
+    errors = None if ship.index_error is None else ship.index_error | steady_error(ship.motion_error)
     settings = simulation_settings(models[0][0], **settings, **environment, duration=duration, ci_prob=ci_prob)
     data: dict[str, Any] = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
-    data |= {"growth": ship.growth_at, "only_feasible": has_error}
+    data |= {"growth": ship.growth_at, "only_feasible": errors is not None}
     tree = pooled_forecast(models, manoeuvre, rng=rng, **data, **settings)
     approach = tree.attrs["approach_speed"]
     sentences = [_steering_sentence(models[0][0], ship.facilities, facility)]
