@@ -9,7 +9,7 @@ import pymc_ship as ps
 from pymc_ship.records.checks.track import DRIFT_GOOD, axes_checks, drift_check, earth_velocity, lever_check
 from pymc_ship.records.checks.verdicts import integral
 from pymc_ship.records.files.ship_scale import ship_scale
-from tests.records.checks.cases import INTERVAL, changed, checks_by_name, noisy, simulated
+from tests.records.checks.cases import INTERVAL, alarms, changed, checks_by_name, noisy, simulated
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +88,16 @@ def test_way_astern_does_not_blame_the_sign_of_v(zigzag, container, wrong, words
     assert words in checks["velocity axes"].sentence
     assert checks["sway sign"].verdict == "not checked"
     assert checks["track closure"].verdict == "not checked"
+
+
+@pytest.mark.parametrize("direction", [0.0, 90.0, 200.0])
+@pytest.mark.parametrize(("name", "interval"), [("container", 0.5), ("kvlcc2", 1.0)])
+def test_a_current_is_neither_a_lag_nor_a_scale_of_v(name, interval, direction):
+    """A clean zigzag through water that sets with 6 % of the speed: the checks that know a current may name it."""
+    vessel = ps.load_vessel(name)
+    flow, unit = (0.06 * vessel.particulars.nominal_speed, direction), vessel.particulars.ship_time
+    settings = {"record_interval": interval, "method": "rk4", "current": flow}
+    run = ps.simulate(vessel, ps.zigzag(20.0, 20.0), duration=interval * round(20.0 * unit / interval), **settings)
+    checks = checks_by_name(noisy(run), vessel)
+    assert alarms(checks) - {"approach"} <= {"heading offset", "speed", "track closure"}
+    assert {checks[one].verdict for one in ("velocity lag", "lever arm", "sway sign")} == {"good"}

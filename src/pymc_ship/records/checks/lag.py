@@ -19,7 +19,7 @@ from pymc_ship.records.checks.track import (
     turned_to_earth,
 )
 from pymc_ship.records.checks.verdicts import Check, Numbers, missing_channels_text, not_checked
-from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares, variance_inflation
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, variance_inflation
 from pymc_ship.trial.record import sampling_interval
 
 LAG = 0.01  # lag over L/U from which it is corrected
@@ -104,12 +104,11 @@ def _track_increments(
 def _lag_fit(
     trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float
 ) -> tuple[float, float, np.ndarray]:
-    """Least-squares lag of a kind [s] beside constant offsets (Gauss-Newton), its error [s] and the residuals [m]."""
+    """Least-squares lag of a kind [s] by Gauss-Newton, its error [s] and the residuals [m]."""
     seconds = 0.0
     for _ in range(_STEPS):
         predicted, slope = _track_increments(trial, track, kind, seconds)
-        columns = [slope.ravel(), *track.offsets]
-        (step, *_), (error, *_), residuals = least_squares(columns, (measured - predicted).ravel())
+        (step, *_), (error, *_), residuals = track.fit([slope.ravel()], measured - predicted)
         seconds = float(np.clip(seconds + step, -longest, longest))
         if abs(step) < _CONVERGED:
             break

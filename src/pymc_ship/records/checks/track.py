@@ -20,6 +20,7 @@ LEVER = 0.005  # lever arm over L from which it matters: error of v' per r'
 LONGEST_LEVER = 0.6  # lever arm over L that a point on board can have
 SEEN_LEVER = 0.05  # lever arm over L that a record must be able to show; in a steady turn it looks like an offset of v
 BETTER = 3.0  # ratio of misfits from which velocities count as earth-fixed, or v as reversed in sign
+FASTEST_CURRENT = 0.3  # over the speed of the ship
 V_SCALE, V_UNIT = 0.25, 0.15  # error of a factor of v from which v is wrong; its logarithm, up to which it is a unit's
 NO_SWAY = 0.1  # factor of v up to which the track has none
 DRIFT_GOOD, DRIFT_BAD = (
@@ -30,18 +31,28 @@ DRIFT_GOOD, DRIFT_BAD = (
 
 @dataclass(frozen=True)
 class TrackBlocks:
-    """Increments of a track over blocks of time [s] with mean heading psi, in the axes of that heading."""
+    """Increments of a track over blocks of time [s] with mean heading psi, in the axes of that heading.
+
+    ``speed`` [m/s] is the mean along the track.
+    """
 
     blocks: Blocks
     interval: float
     psi: np.ndarray
     time: np.ndarray
+    speed: float
 
-    @property
-    def offsets(self) -> list[np.ndarray]:
-        """Increments of a constant velocity of 1 m/s, forward and to starboard."""
-        idle = np.zeros_like(self.time)
-        return [np.concatenate([self.time, idle]), np.concatenate([idle, self.time])]
+    def fit(self, columns: list[np.ndarray], missing: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Least squares of missing increments (2, n_blocks - 1) beside offsets of the log, or a current.
+
+        The offsets are constant in the axes of the ship, the current in those of the earth: the set that leaves less
+        is taken, a current up to :data:`FASTEST_CURRENT` times the speed.
+        """
+        idle, north, east = np.zeros_like(self.time), self.time * np.cos(self.psi), self.time * np.sin(self.psi)
+        sets = ((self.time, idle), (idle, self.time)), ((north, -east), (east, north))
+        log, current = (least_squares([*columns, *map(np.concatenate, constant)], missing.ravel()) for constant in sets)
+        slow = np.hypot(*current[0][-2:]) <= FASTEST_CURRENT * self.speed
+        return current if slow and current[2] @ current[2] < log[2] @ log[2] else log
 
     def increments(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Increments of a track forward and to starboard of the mean heading, shape (2, n_blocks - 1)."""
@@ -63,8 +74,10 @@ def track_blocks(trial: xr.Dataset, scale: ShipScale) -> tuple[TrackBlocks, np.n
     """Blocks of a trial and the increments of its measured track."""
     blocks = ship_blocks(trial, scale, YAW_BLOCK)
     psi, time = blocks.middles(trial["psi"].values), blocks.increments(trial["time"].values)
-    track = TrackBlocks(blocks, sampling_interval(trial), psi, time)
-    return track, track.increments(trial["x"].values, trial["y"].values)
+    x, y = trial["x"].values, trial["y"].values
+    speed = float(np.hypot(blocks.increments(x), blocks.increments(y)).sum() / time.sum())
+    track = TrackBlocks(blocks, sampling_interval(trial), psi, time, speed)
+    return track, track.increments(x, y)
 
 
 def earth_velocity(trial: xr.Dataset, axes: str = "body", sign: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -134,8 +147,7 @@ def _sway_scale_text(
     u, v = trial["u"].values, trial["v"].values
     missing = measured - track.increments_of(*turned_to_earth(u, 0.0 * v, trial))
     sway = track.increments_of(*turned_to_earth(0.0 * u, v, trial))
-    columns = [sway.ravel(), _lever_column(trial, track).ravel(), *track.offsets]
-    (factor, lever, *_), (error, *_), _ = least_squares(columns, missing.ravel())
+    (factor, lever, *_), (error, *_), _ = track.fit([sway.ravel(), _lever_column(trial, track).ravel()], missing)
     if (
         factor <= -NO_SWAY
         or abs(lever) > LONGEST_LEVER * scale.L
@@ -174,9 +186,8 @@ def track_misfit(trial: xr.Dataset, scale: ShipScale) -> float:
 
 
 def lever_fit(trial: xr.Dataset, track: TrackBlocks, missing: np.ndarray) -> tuple[float, float, np.ndarray]:
-    """Lever arm [m], its standard error and the residuals, with constant offsets of both velocities."""
-    columns = [_lever_column(trial, track).ravel(), *track.offsets]
-    coefficients, errors, residuals = least_squares(columns, missing.ravel())
+    """Lever arm [m], its standard error and the residuals, as :meth:`TrackBlocks.fit`."""
+    coefficients, errors, residuals = track.fit([_lever_column(trial, track).ravel()], missing)
     return float(coefficients[0]), float(errors[0]), residuals
 
 
