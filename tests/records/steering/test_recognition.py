@@ -12,7 +12,7 @@ from pymc_ship.physics.manoeuvre import steering_record
 from pymc_ship.physics.manoeuvre.steering_record import approach_speed, first_execute, rudder_reversals
 from pymc_ship.records.steering import recognition
 from pymc_ship.records.steering.measured import align_to_first_execute
-from pymc_ship.records.steering.recognition import Steering, recognise, with_steering
+from pymc_ship.records.steering.recognition import Steering, recognise, unrecognised_text, with_steering
 from pymc_ship.ships.identification.held_out import recorded_indices
 from pymc_ship.trial.record import check_trial
 from tests.physics.manoeuvre.cases import measured, scaled, simulated
@@ -129,6 +129,20 @@ class TestZigzags:
             delta = through_backlash(np.rad2deg(run["delta"].values), 2.0)
             read = run.assign(delta=("time", np.deg2rad(step * np.round(delta / step) if step else delta)))
             assert recognise([read], vessel)[0][0].label == manoeuvre.label
+
+    @pytest.mark.parametrize("eased", [(0.0, 120.0, 180.0), (0.0, 120.0, 320.0), (-10.0, 60.0, 140.0)])
+    def test_a_turn_that_is_interrupted_before_180_deg_is_no_circle(self, container, eased):
+        """The indices count from the order of a rudder that stays; an easing after 180 deg changes none of them."""
+        angle, begin, end = eased
+        for later, kind in ((0.0, None), (300.0, "turning_circle")):
+            when = [0.0, begin + later, begin + later + 15.0, end + later, end + later + 15.0, 1500.0]
+            programme = ps.rudder_programme(when, np.deg2rad([-35.0, -35.0, angle, angle, -35.0, -35.0]))
+            run = ps.simulate(container, programme, duration=1500.0, step=0.5)
+            (recognised,), _ = recognise([run], container)
+            assert (recognised and recognised.kind) == kind
+            if kind is None:  # else the first angle lasts too short to be the first execute
+                reason = unrecognised_text(run, container.particulars.ship_time)
+                assert ("leaves -35 deg" in reason) == (begin > 0.1 * (1500.0 - end)) != ("begins while" in reason)
 
     def test_the_steering_goes_to_the_vessel(self):
         steering = Steering(3.0, 1.5, 4)

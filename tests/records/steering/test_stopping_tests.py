@@ -55,3 +55,38 @@ def test_a_ship_that_still_makes_way_has_not_stopped(stopped):
 )
 def test_another_record_is_no_stopping_test(stopped, change):
     assert measured_stopping(change(stopped[1])) == {}
+
+
+def swinging_stop(noise):
+    """A tanker of 7.97 m/s that stops in 1200 s with a slight swing to starboard, rudder amidships."""
+    time = np.arange(1400.0)
+    begun = np.clip(time - 180.0, 0.0, None)
+    u = np.clip(7.97 * (1.0 - begun / 1200.0), -0.1, None)
+    r = np.deg2rad(0.04) * (1.0 - np.exp(-begun / 150.0))
+    v, psi = -0.35 * 320.0 * r, np.concatenate([[0.0], np.cumsum(0.5 * (r[1:] + r[:-1]))])
+    rates = np.array([u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)])
+    x, y = np.cumsum(rates, axis=1)
+    n = np.interp(time, [0.0, 180.0, 210.0], [1.513, 1.513, -1.0])
+    channels = {"u": u, "v": v, "r": r, "psi": psi, "x": x, "y": y, "n": n, "delta": 0.0 * u}
+    sd = {"u": 0.03, "v": 0.03, "r": 2e-4, "psi": 2e-3, "x": 0.5, "y": 0.5, "delta": 2e-3, "n": 2e-3}
+    rng = np.random.default_rng(3)
+    read = {name: values + noise * sd[name] * rng.standard_normal(time.size) for name, values in channels.items()}
+    return xr.Dataset({name: ("time", values) for name, values in read.items()}, {"time": time})
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_the_checks_of_a_stopping_test_ask_for_no_turn_and_no_revolutions_ahead(noise):
+    """Rudder amidships, revolutions astern while the ship makes way ahead; astern from the begin is a sign."""
+    trial, vessel = swinging_stop(noise), ps.load_vessel("kvlcc2")
+    checks = {check.name: check for check in ps.trial_checks(trial, vessel, any_speed=True)}
+    assert [name for name, check in checks.items() if check.verdict == "bad"] == []
+    assert checks["revolutions"].verdict == "good"
+    flipped = ps.trial_checks(trial.assign(n=-trial["n"]), vessel, any_speed=True)
+    assert "sign = -1" in next(check.sentence for check in flipped if check.name == "revolutions")
+
+
+def test_a_rudder_that_rests_in_another_record_is_missed():
+    """The twin without an astern order."""
+    trial = swinging_stop(0.0).assign(n=("time", np.full(1400, 1.5)))
+    checks = {check.name: check.verdict for check in ps.trial_checks(trial, ps.load_vessel("kvlcc2"), any_speed=True)}
+    assert checks["rudder unit"] == "bad"

@@ -221,3 +221,67 @@ def test_the_scatter_of_circles_is_in_the_current_of_other_runs():
 
 def test_the_current_is_that_of_the_day(day):
     assert drift_current(day["circle"]).speed < 2.0 * CURRENT[0]
+
+
+def turned_frame(run, angle):
+    """Record whose heading and position count from another direction."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y = run["x"].values, run["y"].values
+    axes = {"psi": run["psi"].values + angle, "x": cos * x - sin * y, "y": sin * x + cos * y}
+    return run.assign({name: ("time", values) for name, values in axes.items()})
+
+
+def test_a_run_whose_log_shows_another_drift_does_not_take_that_of_the_circle():
+    """Its axes are turned by 90 deg; the twin, and a run without a log, take it."""
+    circle, zigzag = (
+        run_record(one, time, wind=None, current=(0.8, 30.0)) for one, time in ((CIRCLE, 2400), (ZIGZAG, 1200))
+    )
+    runs = {"same": zigzag, "turned": turned_frame(zigzag, 0.5 * np.pi), "no log": zigzag.drop_vars("v")}
+    result = ps.sea_trial({"circle": circle, **runs}, tanker(), conditions=DAY, rng=1)
+    assert set(result.currents) == {"circle", "same", "no log"}
+    (remark,) = [one for one in result.remarks if "log and track" in one]
+    assert "0.8 m/s to 30 deg" in remark
+    assert "0.8 m/s to 120 deg" in remark
+    row = rows_of(result, "turned")["initial_turning_distance"]
+    assert (row["corrected"], row["corrected_for"]) == (row["raw"], "nothing")
+
+
+def test_velocities_that_drift_with_the_track_of_a_circle_are_doubted():
+    """The circle's u and v are over ground; those through the water of the twin are not doubted."""
+    run = run_record(CIRCLE, 2400, wind=None, current=(0.8, 40.0))
+    flow = 0.8 * np.exp(1j * (np.deg2rad(40.0) - run["psi"].values))
+    ground = run.assign(u=run["u"] + flow.real, v=run["v"] + flow.imag)
+    for record, doubted in ((run, False), (ground, True), (ground.assign_attrs(speeds=OVER_GROUND), False)):
+        result = ps.sea_trial({"circle": record}, tanker(), rng=1)
+        assert any("over ground" in one and "drifts by 0.8 m/s" in one for one in result.remarks) == doubted
+        row = rows_of(result, "circle")["steady_turning_diameter"]
+        assert (row["corrected_for"] == "drift") == (row["corrected"] != row["raw"])
+        assert (row["corrected_for"] == "drift") == (record.attrs.get("speeds") == OVER_GROUND)
+
+
+@pytest.fixture(scope="module")
+def stop():
+    """A stopping test on a course of 0, as made by hand: constant deceleration from 7 m/s after 60 s."""
+    time = np.arange(0.0, 800.0)
+    u = np.clip(7.0 - 0.01 * np.clip(time - 60.0, 0.0, None), -0.05, None)
+    n = np.interp(time, [0.0, 60.0, 90.0], [1.5, 1.5, -1.0])
+    x = np.concatenate([[0.0], np.cumsum(0.5 * (u[1:] + u[:-1]))])
+    channels = {"u": u, "v": 0.0 * u, "r": 0.0 * u, "psi": 0.0 * u, "x": x, "y": 0.0 * u, "n": n, "delta": 0.0 * u}
+    return xr.Dataset({name: ("time", values) for name, values in channels.items()}, {"time": time})
+
+
+def test_the_current_of_the_day_is_subtracted_from_a_stopping_test(stop):
+    """0.4 m/s from astern for 700 s; without a date the twin keeps it, and a remark says so."""
+    circle = run_record(CIRCLE, 2400, wind=None, current=(0.4, 0.0))
+    drifted = stop.assign(x=stop["x"] + 0.4 * stop["time"])
+    still = rows_of(ps.sea_trial({"stop": stop}, tanker(), rng=1), "stop")["track_reach"]
+    dated = ps.sea_trial({"circle": circle, "stop": drifted}, tanker(), conditions=DAY, rng=1)
+    row = rows_of(dated, "stop")["track_reach"]
+    assert row["raw"] == pytest.approx(still["raw"] + 0.4 * 700.0 / tanker().particulars.L, rel=2e-3)
+    assert row["corrected"] == pytest.approx(still["raw"], rel=2e-3)
+    assert row["corrected_for"] == "drift"
+    sd = dated.currents["stop"].sd[0] * 700.0 / tanker().particulars.L
+    assert row["u_current"] == pytest.approx(sd, rel=0.3)
+    undated = ps.sea_trial({"circle": circle, "stop": drifted}, tanker(), rng=1)
+    assert rows_of(undated, "stop")["track_reach"]["corrected_for"] == "nothing"
+    assert any("not subtracted from stop" in one for one in undated.remarks)

@@ -22,6 +22,7 @@ _FLAT, _NOISE, _FLAT_SHARE = 0.05, 3.0, 0.5  # of the angle, or sd of noise: hal
 _SETTLED = 0.02  # of the time after the first execute: length of the approach that is averaged
 _BOTH_SIDES = 0.4  # of the time from the first execute; a sine is so near its extremes for 0.29 of it
 _ONE_SIDE = 0.7  # of the time from the first execute that the rudder of a turning circle is fixed
+_BREAK = 0.05  # of the time from there to a heading change of 180 deg, in which a fixed rudder is not at its angle
 _UNLIKE = 0.8  # of their median, largest deviation of the switching headings of a zigzag steered by hand
 _WIDEST = 45.0  # deg, switching heading
 _LONGEST_CACHED = 200_000  # samples of the series whose values are cached
@@ -54,9 +55,9 @@ class SteeringRecord:
 
     @cached_property
     def fixed_rudder_deg(self) -> float:
-        """Rudder angle [deg] that is fixed for more than 70 % of the manoeuvre; 0 without one."""
+        """Rudder angle [deg] that is fixed for more than 70 % of the manoeuvre, and not left early; 0 without one."""
         angle, fraction = fixed_rudder(self.trial)
-        return angle if fraction > _ONE_SIDE else 0.0
+        return angle if fraction > _ONE_SIDE and not _left_early(self.trial, angle) else 0.0
 
     @cached_property
     def reversed_angle(self) -> int:
@@ -187,6 +188,15 @@ def fixed_rudder(trial: xr.Dataset) -> tuple[float, float]:
     return angle, float(np.mean(np.abs(delta - angle) < max(0.05 * abs(angle), 0.5)))
 
 
+def _left_early(trial: xr.Dataset, angle: float) -> bool:
+    """Whether a rudder that has reached its angle [deg] leaves it before the heading has changed by 180 deg."""
+    turned = np.abs(heading_change(trial)) >= np.pi
+    until = int(np.argmax(turned)) if turned.any() else turned.size
+    delta = np.rad2deg(trial["delta"].values[:until][is_manoeuvre(trial)[:until]])
+    away = np.abs(delta - angle) > _NEAR * abs(angle)
+    return bool(away.size) and float(np.mean(away[int(np.argmin(away)) :])) > _BREAK
+
+
 def is_approach(trial: xr.Dataset) -> np.ndarray:
     """Mask of the last part of the approach, from which approach speed and initial course are averaged."""
     time, begin = trial["time"].values, first_execute(trial)
@@ -291,5 +301,7 @@ def steering_text(trial: xr.Dataset) -> str:
     if fraction <= _ONE_SIDE:
         first = np.rad2deg(manoeuvre_rudder_angle(trial["delta"].values))
         return f"the rudder is put over to {first:.3g} deg, but not fixed at one angle or at two opposite angles"
+    if abs(angle) > _PLAY and _left_early(trial, angle):
+        return f"the rudder leaves {angle:.3g} deg before the heading has changed by 180 deg"
     turned = SteeringRecord(trial, (), np.nan).heading_change_deg
     return f"the rudder is fixed at {angle:.3g} deg while the heading changes by {turned:.0f} deg"

@@ -9,11 +9,13 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import SLOW, Check, missing_channels_text, not_checked
 from pymc_ship.records.files.format import true_air
 from pymc_ship.records.files.ship_scale import Blocks, ShipScale, ship_blocks
+from pymc_ship.records.steering.stopping_tests import stopping_order
 from pymc_ship.trial.units import KNOT
 
 ADVANCE = (0.1, 1.6)  # advance numbers J = U / (n D) of ships that sail ahead, from a tug that tows to a fast craft
 ADVANCE_OFF = 1.7  # ratio to the advance number of the vessel file from which n is doubted: a gear, or both shafts
 STEADIER = 0.25  # ratio of variances of the wind below which another reading of it is more probable
+_APPROACH = 0.05  # of the samples ahead, at the begin of a record, which show the sign of n
 _TURNED = np.deg2rad(60.0)  # change of heading without which readings of the wind cannot be distinguished
 _BLOCK = 0.25  # L/U
 _SAMPLES = 16  # of a block, at most, that show the wind
@@ -34,9 +36,11 @@ def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
         percent = 100.0 * float(np.mean(~np.isfinite(n)))
         return Check(name, "doubtful", f"n is missing in {percent:.2g} % of the record and is left out; fill it in.")
     moving = SLOW * np.quantile(U, 0.95) < U
-    if np.mean((n < 0.0) & (trial["u"].values > 0.0) & moving) > 0.5 * np.mean(moving):
+    ahead = n[moving & (trial["u"].values > 0.0)]
+    first = ahead[: max(int(_APPROACH * ahead.size), 1)]  # before an astern order
+    if ahead.size and np.mean(first < 0.0) > 0.5:
         return Check(name, "bad", "n is negative while the ship makes way ahead; state sign = -1 for n.")
-    driven = (n > 0.0) & (SLOW * np.quantile(U, 0.95) < U)
+    driven = (n > 0.0) & moving & ~(trial["time"].values > stopping_order(trial))
     if not driven.any():
         return not_checked(name, "the propeller never turns ahead")
     J = float(np.median(U[driven] / (n[driven] * vessel.propeller.D)))

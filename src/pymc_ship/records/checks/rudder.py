@@ -26,6 +26,7 @@ ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicat
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
 OFF_THE_ORDER = 0.75  # deg, difference of a zigzag's angle from its order beyond the usual reading of an indicator
 LARGEST_BACKLASH = 1.5  # deg, up to which an angle is that of an order of a multiple of 5 deg, however finely read
+AMIDSHIPS = np.deg2rad(3.0)  # largest rudder angle of a ship that keeps its course
 STEPS = (2.0, 1.0, 0.5)  # deg, of coarse indicators
 RATE = 0.1  # difference from the vessel file's rudder rate that passes
 GEAR, AT_ONCE = 5.0, 3.0  # rate [deg/s] of a quick gear; ratio to the rate of the gear that only an order has
@@ -40,6 +41,11 @@ _SHORTEST_APPROACH = 1.0  # s
 _FEWEST_READINGS, _ON_THE_STEP = 5, 0.02  # different readings of a step; distance from a multiple of it, in steps
 _NOISY_RANGE = 8.0  # standard deviations of the noise: a fixed rudder spans 5 of them
 _MOVE = 0.6  # fraction of the way from the middle of the rudder's range to its ends
+
+
+def is_amidships(trial: xr.Dataset) -> bool:
+    """Whether the rudder moves no more than a ship needs that keeps its course."""
+    return "delta" in trial and bool((np.abs(trial["delta"].values) < AMIDSHIPS).all())
 
 
 def rudder_unit_check(trial: xr.Dataset) -> Check:

@@ -20,6 +20,7 @@ from pymc_ship.records.checks.revolutions_and_wind import revolutions_check, win
 from pymc_ship.records.checks.verdicts import Check, not_checked
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
 from pymc_ship.records.files.ship_scale import ship_scale
+from pymc_ship.records.steering.stopping_tests import stopping_order
 from pymc_ship.trial.channels import SIMULATED, channel_names
 from pymc_ship.trial.record import as_trial, check_trial
 
@@ -77,6 +78,9 @@ def trial_checks(
     _check_record(as_trial(trial))
     recorded = record_quality.recorded(trial)
     trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in recorded])
+    stops = bool(np.isfinite(stopping_order(trial)))
+    if stops and rudder.is_amidships(trial):
+        trial = trial.drop_vars("delta")
     checks: list[Check] = []
     for check in (record_quality.stand_in_check, record_quality.spike_check, record_quality.wrap_check):
         checks.append(check(trial))
@@ -85,7 +89,7 @@ def trial_checks(
     checks += [record_quality.jump_check(trial, scale), record_quality.sign_check(trial)]
     checks += [record_quality.sampling_check(trial, scale), record_quality.gap_check(trial)]
     unused = channel_names(lambda channel: vessel is not None and "roll" not in vessel.dofs and channel.rolling)
-    used = trial.drop_vars(unused, errors="ignore")
+    used = trial[["u"]] if stops else trial.drop_vars(unused, errors="ignore")  # the ship that stops need not turn
     checks += [record_quality.noise_check(used), record_quality.resolution_check(used)]
     frozen = record_quality.frozen_check(trial, scale)
     checks.append(frozen)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,6 +23,8 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import denoise_motion, finite_indices, index_draws, indices_of_denoised
+from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
+from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.sea_trials.conditions import Conditions
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
@@ -83,7 +86,7 @@ def corrected_indices(
         ratios = by_model.get(name, unknown if by_model or not model.wind else np.ones(1))
         ratio = float(np.nan_to_num(np.median(ratios), nan=1.0))
         modelled = {"wind": wind is not None, "loading": model.loaded is not None}
-        causes = ["drift"] if distance and flow.any() else []
+        causes = ["drift"] if in_still_water[name] != measured.get(name) else []
         causes += [cause for cause, applies in modelled.items() if applies and name in by_model]
         value = in_still_water[name] / unit
         rows.append(
@@ -101,6 +104,30 @@ def corrected_indices(
                 "u_model": value * (ratios - ratio),
             }
         )
+    return rows
+
+
+def corrected_stopping(
+    trial: xr.Dataset, current: DriftCurrent | None, L: float, rng: np.random.Generator
+) -> list[dict]:
+    """Indices of a stopping test, measured and without the current; rows as :func:`corrected_indices`, in L, s, deg.
+
+    The deviations of the current are those of an index that is linear in it.
+    """
+    flow, sd = (np.zeros(2), np.zeros(2)) if current is None else (current.velocity, current.sd)
+    measured, still = measured_stopping(trial), measured_stopping(without_current(trial, flow))
+    shifted = [measured_stopping(without_current(trial, flow + step)) for step in np.diag(sd)]
+    drawn = rng.standard_normal((DRAWS, 2))
+    rows = []
+    for name, units in STOPPING.items():
+        scale = 1.0 / L if units == "m" else 1.0
+        slopes = [scale * (one[name] - still[name]) for one in shifted]
+        row: dict[str, Any] = {"manoeuvre": LABEL, "side": "", "index": name, "units": "L" if units == "m" else units}
+        row |= {"raw": scale * measured[name], "without_current": scale * still[name], "ratio": 1.0}
+        row |= {"corrected": row["without_current"], "u_current": drawn @ slopes}
+        row["corrected_for"] = "drift" if still[name] != measured[name] else "nothing"
+        row["limit"] = LIMIT if name == "track_reach" and np.isfinite(row["raw"]) else np.nan
+        rows.append(row | dict.fromkeys(("u_record", "u_model"), np.full(1, np.nan)))
     return rows
 
 

@@ -12,8 +12,9 @@ import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.steering_record import heading_change, is_manoeuvre
+from pymc_ship.records.checks.track import earth_velocity
 from pymc_ship.records.steering.measured import denoise_motion
-from pymc_ship.trial.record import check_trial
+from pymc_ship.trial.record import OVER_GROUND, check_trial
 
 _STEADY = np.pi  # heading change [rad] from which on the turn counts as steady
 _SPACING = np.deg2rad(5.0)  # heading between pairs of positions
@@ -40,7 +41,12 @@ class DriftCurrent:
     @property
     def is_certain(self) -> bool:
         """Whether 0 lies outside the 95 % region of the velocity."""
-        return self.speed > _OUTSIDE * float(self.sd.max())
+        return self.speed > self.radius
+
+    @property
+    def radius(self) -> float:
+        """Radius of the 95 % region [m/s]."""
+        return _OUTSIDE * float(self.sd.max())
 
     @property
     def speed(self) -> float:
@@ -51,6 +57,21 @@ class DriftCurrent:
     def direction(self) -> float:
         """Direction of flow, clockwise from north [deg]."""
         return float(np.rad2deg(np.arctan2(self.velocity[1], self.velocity[0])) % 360.0)
+
+    @property
+    def words(self) -> str:
+        """Speed and direction as words."""
+        return f"{self.speed:.2g} m/s to {round(self.direction) % 360} deg"
+
+
+def logged_drift(trial: xr.Dataset) -> np.ndarray | None:
+    """Mean velocity [m/s] of a track to north and east less that of the log; None without a log through the water."""
+    if not {"u", "v", "psi", "x", "y"} <= set(trial.data_vars) or trial.attrs.get("speeds") == OVER_GROUND:
+        return None
+    time = trial["time"].values
+    log = [np.trapezoid(velocity, time) for velocity in earth_velocity(trial)]
+    track = [float(trial[name].values[-1] - trial[name].values[0]) for name in ("x", "y")]
+    return np.subtract(track, log) / (time[-1] - time[0])
 
 
 def drift_current(trial: xr.Dataset) -> DriftCurrent:

@@ -22,17 +22,24 @@ from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.measured import order_delay, order_sentence
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
-from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
-from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping
+from pymc_ship.records.steering.stopping_tests import stopping_order
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.steady_turns import largest_loop, steady_turns
 from pymc_ship.ships.sea_trials.conditions import condition_rows, load_conditions
-from pymc_ship.ships.sea_trials.corrections import Model, corrected_indices, mean_wind, subtract_wind_drift
-from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
+from pymc_ship.ships.sea_trials.corrections import (
+    Model,
+    corrected_indices,
+    corrected_stopping,
+    mean_wind,
+    subtract_wind_drift,
+)
+from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current, logged_drift
 from pymc_ship.ships.sea_trials.form import form_rows, ship_rows
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
-from pymc_ship.ships.sea_trials.uncertainty import COMPONENTS, uncertainty_budget
+from pymc_ship.ships.sea_trials.uncertainty import uncertainty_budget
 from pymc_ship.trial.record import facility_of, trial_list
+
+_UNLIKE = 0.7  # difference of two drifts over one of them, from which they are not of one current
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,7 +140,7 @@ def sea_trial(
     model, model_remarks = _model(ship, vessel, loaded, blowing=bool(winds))
     progress("current")
     one_day = "date" in trial_conditions.form
-    currents, current_remarks = _currents(records, runs.manoeuvres, winds, model, one_day=one_day)
+    currents, current_remarks = _currents(records, runs, winds, model, one_day=one_day)
     rows: list[dict] = []
     for name, manoeuvre in runs.manoeuvres.items():
         progress(f"indices of {name}")
@@ -141,8 +148,9 @@ def sea_trial(
         settings |= {"wind": winds.get(name) if model.models and model.wind else None, "model": model, "rng": rng}
         run_indices = corrected_indices(records[name], manoeuvre, vessel, **settings)
         rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in run_indices]
-    for name, stop in runs.stops.items():
-        rows += [{"run": name} | row for row in _stopping_rows(stop, vessel.particulars.L)]
+    for name in runs.stops:
+        stop_rows = corrected_stopping(records[name], currents.get(name), vessel.particulars.L, rng)
+        rows += [{"run": name} | row for row in stop_rows]
     for name, turns in runs.spirals.items():
         rows += [{"run": name} | row for row in spiral_rows(turns, largest_loop(vessel.particulars.ship_time))]
     rows = uncertainty_budget(rows, rng)
@@ -177,7 +185,7 @@ class _Runs(NamedTuple):
 
     manoeuvres: dict[str, Manoeuvre]
     delays: dict[str, float]
-    stops: dict[str, dict[str, float]]
+    stops: list[str]
     spirals: dict[str, xr.Dataset]
     left_out: list[str]
 
@@ -191,7 +199,7 @@ def _runs_by_kind(records: Mapping[str, xr.Dataset], vessel: Vessel) -> _Runs:
         name: order_delay(records[name], facilities[facility_of(records[name])].rudder_delay) for name in manoeuvres
     }
     others = [name for name in records if name not in manoeuvres]
-    stops = {name: stop for name in others if (stop := measured_stopping(records[name]))}
+    stops = [name for name in others if np.isfinite(stopping_order(records[name]))]
     others = [name for name in others if name not in stops]
     spirals = {name: turns for name in others if (turns := measured_spiral(records[name], ship_time)) is not None}
     if not manoeuvres and not stops and not spirals:
@@ -214,7 +222,7 @@ def _order_remarks(runs: _Runs) -> list[str]:
 
 def _currents(
     trials: Mapping[str, xr.Dataset],
-    manoeuvres: Mapping[str, Manoeuvre],
+    runs: _Runs,
     winds: Mapping[str, tuple[float, float]],
     model: Model,
     *,
@@ -222,41 +230,69 @@ def _currents(
 ) -> tuple[dict[str, DriftCurrent], list[str]]:
     """Current of each run and remarks; that of a circle, without its wind drift, is of the other runs of ``one_day``.
 
-    A velocity below its own error is 0, and keeps its uncertainty. Drift in a wind that no model describes is of its
-    own run alone.
+    Drift in a wind that no model describes is of its own run alone, and a run whose log shows another drift does not
+    take that of a circle.
     """
-    currents, remarks, with_wind = {}, [], []
-    for name, manoeuvre in manoeuvres.items():
-        if manoeuvre.traits.circles:
-            try:
-                current = drift_current(trials[name])
-                if name in winds and model.models and model.wind:
-                    current = subtract_wind_drift(current, trials[name], manoeuvre, winds[name], model)
-                elif winds.get(name, (0.0, 0.0))[0] > 0.0:
-                    with_wind.append(name)
-            except TrialError as error:
-                remarks.append(f"{name} gives no current: {error}")
-                continue
-            if not current.is_certain:
-                remarks.append(
-                    f"The drift of {name}, {current.speed:.2g} m/s, is not subtracted: with a standard uncertainty of "
-                    f"{current.sd.max():.2g} m/s in each direction, its region of 95 % includes 0."
-                )
-                current = replace(current, velocity=np.zeros(2))
-            currents[name] = current
-    others = [name for name in manoeuvres if name not in currents and {"x", "y"} <= set(trials[name].data_vars)]
+    currents, remarks = _currents_of_circles(trials, runs, winds, model)
     if not currents:
         return {}, [*remarks, "The indices are not corrected for current, as no run gives it; turn through 720 deg."]
+    with_wind = [
+        name for name in currents if winds.get(name, (0.0, 0.0))[0] > 0.0 and not (model.models and model.wind)
+    ]
     if mixed := [name for name in with_wind if currents[name].velocity.any()]:
         remarks.append(
             f"The drift of {', '.join(mixed)} is that of current and wind together, as no model gives the wind's."
         )
+    tests = [name for name in (*runs.manoeuvres, *runs.stops) if {"x", "y"} <= set(trials[name].data_vars)]
+    others = [name for name in tests if name not in currents]
     reason = "it includes that of their wind" if with_wind else "no date states that all runs are of one day"
     if others and (with_wind or not one_day):
         remedy = "identify the ship with [windage]" if with_wind else "state form.date in the conditions"
         remarks.append(f"The drift of the circles is not subtracted from {', '.join(others)}: {reason}; {remedy}.")
         return currents, remarks
-    return currents | dict.fromkeys(others, _mean_current(list(currents.values()))), remarks
+    mean = _mean_current(list(currents.values()))
+    for name in others:
+        logged = logged_drift(trials[name])
+        if logged is None or np.hypot(*(logged - mean.velocity)) <= max(_UNLIKE * mean.speed, mean.radius):
+            currents[name] = mean
+            continue
+        remarks.append(
+            f"The drift of the circles, {mean.words}, is not subtracted from {name}: its log and track show "
+            f"{replace(mean, velocity=logged).words}. Count psi, x and y of all runs from north, or sail a circle in "
+            "the same tide."
+        )
+    return currents, remarks
+
+
+def _currents_of_circles(
+    trials: Mapping[str, xr.Dataset], runs: _Runs, winds: Mapping[str, tuple[float, float]], model: Model
+) -> tuple[dict[str, DriftCurrent], list[str]]:
+    """Current of each circle and remarks; a velocity below its own error is 0, and keeps its uncertainty."""
+    currents, remarks = {}, []
+    for name, manoeuvre in runs.manoeuvres.items():
+        if not manoeuvre.traits.circles:
+            continue
+        try:
+            current = drift_current(trials[name])
+            if name in winds and model.models and model.wind:
+                current = subtract_wind_drift(current, trials[name], manoeuvre, winds[name], model)
+        except TrialError as error:
+            remarks.append(f"{name} gives no current: {error}")
+            continue
+        logged = logged_drift(trials[name])
+        if not current.is_certain:
+            remarks.append(
+                f"The drift of {name}, {current.speed:.2g} m/s, is not subtracted: with a standard uncertainty of "
+                f"{current.sd.max():.2g} m/s in each direction, its region of 95 % includes 0."
+            )
+            current = replace(current, velocity=np.zeros(2))
+        elif logged is not None and 2.0 * np.hypot(*logged) < current.speed:
+            remarks.append(
+                f"The track of {name} drifts by {current.speed:.2g} m/s, and its u and v with it: they are over ground "
+                '(state speeds = "over ground"), or wind drives the ship through the water.'
+            )
+        currents[name] = current
+    return currents, remarks
 
 
 def _mean_current(currents: Sequence[DriftCurrent]) -> DriftCurrent:
@@ -288,16 +324,3 @@ def _model(ship: Ship | None, vessel: Vessel, loaded: Vessel | None, *, blowing:
         "file and identify the ship again."
     )
     return Model(models, vessel, loaded, wind or not blowing), [remark] if blowing and not wind else []
-
-
-def _stopping_rows(stop: Mapping[str, float], L: float) -> list[dict]:
-    """Indices of a stopping test as measured, in L, s and deg."""
-    rows = []
-    for name, units in STOPPING.items():
-        value = stop[name] / (L if units == "m" else 1.0)
-        row: dict[str, Any] = {"manoeuvre": LABEL, "side": "", "index": name, "units": "L" if units == "m" else units}
-        row |= dict.fromkeys(("raw", "without_current", "corrected"), value)
-        row |= {"ratio": 1.0, "corrected_for": "nothing"}
-        row["limit"] = LIMIT if name == "track_reach" and np.isfinite(value) else np.nan
-        rows.append(row | dict.fromkeys(COMPONENTS, np.full(1, np.nan)))
-    return rows
