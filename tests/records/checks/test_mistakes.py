@@ -9,6 +9,7 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.records.checks.mistakes import PSI_LATE, R_DRIFTS, R_LATE, UNEXPLAINED
 from pymc_ship.records.files.columns import AIS
+from pymc_ship.trial.record import OVER_GROUND
 from tests.records.checks.cases import alarms, changed, checks_by_name, noisy, simulated, with_samples
 
 DEGREE, KNOT = np.pi / 180.0, 1852.0 / 3600.0
@@ -84,6 +85,17 @@ def test_a_heading_off_the_course_is_named(approached, container, degrees, verdi
     assert check.verdict == verdict
     assert check.value("course less heading") == pytest.approx(-degrees, abs=0.5)
     assert verdict == "good" or "state psi = { ..., offset = " in check.sentence
+
+
+@pytest.mark.parametrize(("degrees", "verdict"), [(0.0, "good"), (3.0, "doubtful"), (-12.0, "bad")])
+def test_a_heading_off_the_course_is_named_where_v_is_of_that_course(approached, container, degrees, verdict):
+    """SOG, COG and a heading give v: its angle is the error of the heading, and no drift."""
+    read = turned(approached, degrees)
+    velocity = (approached["u"].values + 1j * approached["v"].values) * np.exp(-1j * np.deg2rad(degrees))
+    ground = changed(read, u=velocity.real, v=velocity.imag).assign_attrs(speeds=OVER_GROUND)
+    check = checks_by_name(ground, container)["heading offset"]
+    assert check.verdict == verdict
+    assert check.value("course less heading") == pytest.approx(-degrees, abs=0.5)
 
 
 def heading_of_a_receiver(trial):
