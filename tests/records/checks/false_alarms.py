@@ -61,7 +61,7 @@ def clean_records(seeds: int):
                 trial = ps.pollute(run, **kind, rng=rng) if noise else run
                 trial = trial.interpolate_na("time", fill_value="extrapolate")
                 for dropped in ((), ("v",), ("r",))[: 1 + 2 * (seed % 2)]:
-                    title = f"{path.stem}, {name}, {method}, {label}, {water}, without {dropped}"
+                    title = f"{path.stem}, {name}, {method}, {f'{label} {water}'.strip()}, without {dropped}"
                     yield title, vessel, trial.drop_vars(dropped)
 
 

@@ -212,3 +212,26 @@ def test_the_time_of_a_rudder_needs_a_vessel_and_a_reversal(container):
         checks_by_name(simulated(container, ps.turning_circle(35)), container)["rudder timing"].verdict == "not checked"
     )
     assert checks_by_name(simulated(container, ps.zigzag(20, 20)), None)["rudder timing"].verdict == "not checked"
+
+
+@pytest.fixture(scope="module")
+def late_circle(container):
+    """A circle after 60 s on a straight course, with the noise of sensors, whose rudder is read late [s]."""
+    approach = ps.rudder_programme([0.0, 60.0, 75.2, 600.0], np.deg2rad([0.0, 0.0, -35.0, -35.0]))
+    run = ps.simulate(container, approach, duration=500.0, step=0.5, method="rk4")
+
+    def late(seconds):
+        time, delta = run["time"].values, run["delta"].values
+        read = run.assign(delta=("time", np.interp(time - seconds, time, delta)))
+        return ps.pollute(read, level=0.005, rng=np.random.default_rng(1))
+
+    return late
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.4, 0.8])
+def test_a_ship_that_turns_before_its_rudder_has_a_late_rudder_and_no_other_sign(late_circle, container, share):
+    checks = checks_by_name(late_circle(share * container.particulars.ship_time), container)
+    assert checks["rudder sign"].verdict == "good"
+    timing = checks["rudder timing"]
+    assert timing.verdict == ("doubtful" if share > 0.3 else "not checked")
+    assert share < 0.3 or "before the rudder is put over" in timing.sentence

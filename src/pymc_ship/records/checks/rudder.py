@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from pymc_ship.physics.manoeuvre.steering_record import is_manoeuvre, rudder_reversals, zigzag_rudder_angle
+from pymc_ship.physics.manoeuvre.steering_record import (
+    first_execute,
+    is_manoeuvre,
+    rudder_reversals,
+    zigzag_rudder_angle,
+)
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import (
     Check,
@@ -16,7 +21,7 @@ from pymc_ship.records.checks.verdicts import (
     not_checked,
     straight_approach,
 )
-from pymc_ship.records.files.ship_scale import Blocks, ShipScale
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale
 from pymc_ship.records.files.sides import MIRROR_IMAGE, rudder_effect
 from pymc_ship.trial.record import AXES, sampling_interval, second_difference_sd
 
@@ -33,6 +38,8 @@ GEAR, AT_ONCE = 5.0, 3.0  # rate [deg/s] of a quick gear; ratio to the rate of t
 PAUSE = 0.25  # fraction of a move's largest step up to which the rudder pauses
 LEAD = -0.035  # L/U, usual shift of this equation of yaw without one; within 0.07 L/U on other simulators' ships
 SHIFTED, SHIFT_ERRORS = 0.1, 2.0  # L/U, and standard errors, from which the rudder is shifted
+_ONSET, _FEWEST_BLOCKS = 0.1, 8  # L/U, of the blocks of an approach whose last must not turn, and their least number
+_TURNING = 0.02  # of the largest yaw rate
 _REVERSED = 0.3  # lesser over larger rudder angle, to both sides
 _PER_LENGTH = 60  # means in L/U
 _MEAN, _SHIFTS = 0.2, np.linspace(-0.4, 0.4, 41)  # L/U of the moving mean; tried shifts
@@ -251,6 +258,9 @@ def rudder_timing_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if reason := missing_channels_text(trial, ("u", "v", "r", "delta")):
         return not_checked(name, reason)
     if not scale.known or balance(trial["delta"].values, 0.02) < _REVERSED:
+        if _turns_before_the_rudder(trial, scale):
+            text = "The ship turns before the rudder is put over: delta is late; state its delay."
+            return Check(name, "doubtful", text)
         return not_checked(name, "a rudder that is reversed, and the L of a vessel file, are needed")
     shift, error = (scale.time * value for value in _yaw_shift(trial, scale))
     numbers = (("shift", shift, "s"), ("standard error", error, "s"))
@@ -265,6 +275,18 @@ def rudder_timing_check(trial: xr.Dataset, scale: ShipScale) -> Check:
             f"The ship turns {shift:.2g} s too late for its rudder: delta is an ordered angle, or its clock is ahead."
         )
     return Check(name, "doubtful", text, numbers)
+
+
+def _turns_before_the_rudder(trial: xr.Dataset, scale: ShipScale) -> bool:
+    """Whether the yaw rate leaves that of a straight approach before the first execute, by more than its noise."""
+    r, time, begin = trial["r"].values, trial["time"].values, first_execute(trial)
+    blocks = Blocks(max(int(_ONSET * scale.time / sampling_interval(trial)), 1))
+    means = blocks.means(r[time <= begin][::-1])  # backwards from the execute
+    if means.size < _FEWEST_BLOCKS:
+        return False
+    last, before = means[0], means[2:]
+    departs = abs(last - before.mean())
+    return bool(departs > SIGNIFICANT * before.std(ddof=1) and departs > _TURNING * np.abs(r).max())
 
 
 def _yaw_shift(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from pymc_ship.trial.record import AXES
 FOUND = "rudder_positive"  # attribute of a trial: side of the file's positive rudder, where the record showed it
 
 _CORRELATED = 0.7  # correlation of yaw rate and rudder from which it shows the side, as in a long steady turn
+_STEADY = 0.9  # correlation of a steady turn, whose sign prevails over that of the gain
 _TURN = 0.5  # rad that the ship turns at least where the correlation alone shows the side
 _BLOCK = 0.25  # L/U
 _HINT = 3.0  # standard errors from which a record that is refused anyway shows the middle of its rudder
@@ -49,13 +50,19 @@ class RudderEffect:
 
 
 def rudder_effect(trial: xr.Dataset, scale: ShipScale) -> RudderEffect:
-    """Effect of the rudder on the yaw rate, by Nomoto's equation with a cubic term, or by lagged correlation."""
+    """Effect of the rudder on the yaw rate, by Nomoto's equation with a cubic term, or by lagged correlation.
+
+    A rudder that is read early or late can turn the sign of the gain in a steady turn, which the correlation shows.
+    """
     time, delta, r, acceleration = _yaw_blocks(trial, scale)
     coefficients, errors, _ = least_squares([delta, r, r * np.abs(r)], acceleration)
     gain, error = (float(values[0]) * scale.time**2 for values in (coefficients, errors))
     correlation = _lagged_correlation(delta, r, round(1.0 / _BLOCK))
-    certain, turn = abs(gain) > SIGNIFICANT * error, np.ptp(np.cumsum(r * time)) if r.size else 0.0
-    shown = certain or (abs(correlation) >= _CORRELATED and turn >= _TURN)
+    turn = np.ptp(np.cumsum(r * time)) if r.size else 0.0
+    correlated = abs(correlation) >= _CORRELATED and turn >= _TURN
+    steady = correlated and abs(correlation) >= _STEADY
+    certain = abs(gain) > SIGNIFICANT * error and not (steady and gain * correlation < 0.0)
+    shown = certain or correlated
     side = ("starboard" if (gain if certain else correlation) > 0.0 else "port") if shown else ""
     return RudderEffect(gain, error, correlation, side)
 
