@@ -163,3 +163,12 @@ def test_a_scale_error_in_a_steady_turn_is_not_mended_as_an_offset(container):
     zigzag = simulated(container, ps.zigzag(20.0, 20.0))
     slip = 0.005 * np.abs(turn["r"].values).mean()
     assert checks_by_name(changed(zigzag, r=zigzag["r"].values + slip), container)["gyro offset"].verdict == "doubtful"
+
+
+@pytest.mark.parametrize("begin", [30.0, 60.0])
+def test_a_turn_whose_begin_is_not_recorded_is_sound(container, begin):
+    """The yaw rate decays towards the steady one: no drift angle of the wrong sign, and v is no noise."""
+    turn = noisy(simulated(container, ps.turning_circle(35.0)), level=0.01).sel(time=slice(begin, None))
+    checks = checks_by_name(turn, container)
+    assert checks["heading"].verdict == "good"
+    assert checks["noise"].verdict == "good" or "(p)" in checks["noise"].sentence

@@ -289,3 +289,12 @@ def test_a_coordinate_stands_still_only_while_the_ship_heads_along_the_other(con
     psi = np.where(before, course + 1e-4 * np.sin(run["time"].values), run["psi"].values)
     run = changed(run, y=np.where(before, 0.0, run["y"].values), psi=psi)
     assert checks_by_name(run, container)["frozen channels"].verdict == verdict
+
+
+def test_the_signal_of_a_steady_sway_is_its_size(circle, container):
+    """In a steady turn v is constant: its noise counts against v itself; a twin of noise about zero is noise."""
+    steady = noisy(circle.isel(time=slice(1000, None)), level=0.02)
+    ratio = checks_by_name(steady[["u", "v", "r", "psi", "x", "y", "delta"]], container)["noise"]
+    assert ratio.verdict == "good"
+    about_zero = changed(steady, v=steady["v"].values - steady["v"].values.mean())
+    assert "(v)" in checks_by_name(about_zero.drop_vars(["p", "phi"]), container)["noise"].sentence

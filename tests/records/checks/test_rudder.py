@@ -235,3 +235,11 @@ def test_a_ship_that_turns_before_its_rudder_has_a_late_rudder_and_no_other_sign
     timing = checks["rudder timing"]
     assert timing.verdict == ("doubtful" if share > 0.3 else "not checked")
     assert share < 0.3 or "before the rudder is put over" in timing.sentence
+
+
+@pytest.mark.parametrize(("degrees", "verdict"), [(45.0, "good"), (57.0, "doubtful"), (70.0, "doubtful")])
+def test_a_rudder_beyond_usual_angles_may_be_in_percent(zigzag, container, degrees, verdict):
+    largest = np.rad2deg(np.abs(zigzag["delta"].values).max())
+    check = checks_by_name(changed(zigzag, delta=degrees / largest * zigzag["delta"].values), container)["rudder unit"]
+    assert check.verdict == verdict
+    assert verdict == "good" or "percent" in check.sentence

@@ -35,6 +35,7 @@ LEAST_JUMPS = {"psi": 0.05, "x": 0.05, "y": 0.05}  # rad; ship lengths
 _STILL = 0.1  # fraction of a step within which a rudder stays
 TOGETHER = 3  # channels that jump at once where two runs stand in one file
 DEFLECTED, BEGUN, ENDED = 0.05, 0.5, 0.15  # rudder angle [rad]; r/U over its largest of a turn begun, and ended
+_ANY_ZERO = ("psi", "x", "y")  # channels that count from an arbitrary zero
 _FEWEST_READINGS, _ABRUPT_MOVE, _SHORTEST_HOLD = 20, 3, 10  # samples of a channel; of a rudder's move; of its rest
 _MOST_JUMPS = 0.02  # fraction of the samples; more are noise
 ONE_SIDED, BOTH_SIDES = 0.05, 0.3  # lesser over larger extreme of a channel without sign; of another, to both sides
@@ -88,13 +89,16 @@ def _repeats(trial: xr.Dataset) -> float:
 
 
 def noise_check(trial: xr.Dataset) -> Check:
-    """Noise of single samples of each channel, from second differences, over the spread of its signal."""
+    """Noise of single samples of each channel, from second differences, over its signal.
+
+    The signal of position and heading is their spread, as their zero is arbitrary; that of the others their rms.
+    """
     names = [name for name in recorded(trial) if np.ptp(trial[name].values) > 0.0 and trial.sizes["time"] >= 10]
     if not names:
         return not_checked("noise", "no channel that changes, or fewer than 10 samples")
     sd = second_difference_sd(np.array([trial[name].values for name in names], dtype=float))
-    variance = [np.mean(trial[name].values ** 2) if name == "delta" else np.var(trial[name].values) for name in names]
-    spread = np.sqrt(np.maximum(variance - sd**2, 1e-6 * sd**2))
+    values = [trial[name].values - (trial[name].values.mean() if name in _ANY_ZERO else 0.0) for name in names]
+    spread = np.sqrt(np.maximum(np.mean(np.square(values), axis=1) - sd**2, 1e-6 * sd**2))
     ratios = (sd / np.maximum(spread, np.finfo(float).tiny)).tolist()
     units = [trial[name].attrs.get("units", "") for name in names]
     numbers = tuple((f"sd {name}", s, unit) for name, s, unit in zip(names, sd.tolist(), units, strict=True))

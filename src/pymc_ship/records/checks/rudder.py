@@ -31,6 +31,7 @@ ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicat
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
 OFF_THE_ORDER = 0.75  # deg, difference of a zigzag's angle from its order beyond the usual reading of an indicator
 LARGEST_BACKLASH = 1.5  # deg, up to which an angle is that of an order of a multiple of 5 deg, however finely read
+UNUSUAL = 45.0  # deg, largest angle of a usual rudder
 AMIDSHIPS = np.deg2rad(3.0)  # largest rudder angle of a ship that keeps its course
 STEPS = (2.0, 1.0, 0.5)  # deg, of coarse indicators
 RATE = 0.1  # difference from the vessel file's rudder rate that passes
@@ -66,6 +67,10 @@ def rudder_unit_check(trial: xr.Dataset) -> Check:
         in_degrees = np.rad2deg(largest) > PERCENT and np.deg2rad(largest) <= LARGEST_RUDDER
         text += f"probably it is in {'deg' if in_degrees else 'percent of its range, or a voltage'}: convert it."
         return Check("rudder unit", "bad", text, numbers)
+    if np.rad2deg(largest) > UNUSUAL:
+        text = f"delta reaches {np.rad2deg(largest):.3g} deg (ships: up to {UNUSUAL:g}, with a flap 70): "
+        text += "check that it is an angle, not percent of its range."
+        return Check("rudder unit", "doubtful", text, numbers)
     if np.ptp(trial["delta"].values) == 0.0:
         return Check("rudder unit", "bad", "delta never changes; find the column of the rudder.", numbers)
     return Check("rudder unit", "good", f"delta reaches {np.rad2deg(largest):.3g} deg.", numbers)
