@@ -66,6 +66,12 @@ def again(factor):
     return {head: np.append(values, first[head]) for head, values in series().items()}
 
 
+def about(point):
+    """The series with its moment about a point [L] forward of midship."""
+    columns = series()
+    return columns | {"N'": columns["N'"] - point * columns["Y'"]}
+
+
 WRONG = [
     (lambda: changed(N=np.zeros_like), r"N' = 0 in all 15; leave the column out"),
     (lambda: changed(X=lambda values: 0.0 * values - 9.0), r"X' = -9 in all 15"),
@@ -83,6 +89,8 @@ WRONG = [
     (lambda: again(-1.0), "one motion have one force"),
     (lambda: again(2.0), "one motion have one force"),
     (lambda: changed(X=np.negative), "found X' greater by .* X' is positive forward: change its sign"),
+    (lambda: about(0.5), "a rudder acts about 0.5 L aft of midship, found N' / Y' = -0.98"),
+    (lambda: about(-0.4), "give the moment about midship"),
     (lambda: changed(Y=lambda values: values - vessel().m * series()["r"]), "without the model's own mass"),
 ]
 

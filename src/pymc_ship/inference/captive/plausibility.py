@@ -23,6 +23,7 @@ _APART = 0.45  # difference of two forces of one motion over the larger, from wh
 _MATTERS = 0.1  # the same, over the largest force of all tests
 _LEAST_DRAG = np.deg2rad(9.0)  # rudder angle whose resistance is beyond the noise
 _PUSHING = 0.8  # fraction of these tests with less resistance than on the straight course: X' is of another sign
+_LEVER, _LEVER_OFF = 0.5, 0.2  # L, of a rudder aft of midship, and the largest difference from it
 _SETTINGS = {"u", "n"}  # of a test, with which the resistance changes
 _SMALL = 1e-6  # prime motion that counts as none
 _DEGREES = float(np.rad2deg(1.0))
@@ -32,7 +33,7 @@ def check_captive_tests(tests: xr.Dataset, vessel: Vessel, path: object, beta: n
     """Raise TrialError for tests that no ship can have measured.
 
     ``tests`` are as from :func:`pymc_ship.read_captive`; ``beta`` is the drift angle as read [rad]. Drift and yaw rate
-    are compared with the hull database where three tests vary one of them alone; the rudder is compared in sign.
+    are compared with the hull database where three tests vary one of them alone; the rudder in sign and lever.
     """
     fault = _columns(tests) or _units(tests, vessel, beta) or _contradictions(tests, vessel)
     fault = fault or _forces(tests, vessel)
@@ -192,6 +193,11 @@ def _rudder(forces: Mapping[str, np.ndarray], delta: np.ndarray, vessel: Vessel)
                 f"a rudder to port pushes the stern to starboard, found {name}' of the other sign; set "
                 "frame.rudder_positive in a format file, or change the sign of the force."
             )
+    if len(forces) == 2 and abs(lever := _ratio(forces["N"], forces["Y"]) + _LEVER) > _LEVER_OFF:
+        return (
+            f"a rudder acts about {_LEVER:g} L aft of midship, found N' / Y' = {lever - _LEVER:.2g}; give the moment "
+            "about midship, and both forces over the same area."
+        )
     return ""
 
 
