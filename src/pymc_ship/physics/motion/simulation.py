@@ -56,7 +56,8 @@ class Steering(NamedTuple):
 class Rudder(NamedTuple):
     """State of the rudders, (n_lanes,): angles [rad] at begin and end of a step, factor on the command.
 
-    ``bend`` [rad] is how far the angle amid a step lies beside the chord, so that Simpson's rule has its integral.
+    ``bend`` [rad] is how far the angle amid a step lies beside the chord, so that Simpson's rule has its impulse
+    (docs/reference/equations.md, rk4).
     ``waiting`` are the steps until the next switch, ``psi`` [rad] is the heading one step earlier.
     """
 
