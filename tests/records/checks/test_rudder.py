@@ -214,27 +214,42 @@ def test_the_time_of_a_rudder_needs_a_vessel_and_a_reversal(container):
     assert checks_by_name(simulated(container, ps.zigzag(20, 20)), None)["rudder timing"].verdict == "not checked"
 
 
-@pytest.fixture(scope="module")
-def late_circle(container):
-    """A circle after 60 s on a straight course, with the noise of sensors, whose rudder is read late [s]."""
-    approach = ps.rudder_programme([0.0, 60.0, 75.2, 600.0], np.deg2rad([0.0, 0.0, -35.0, -35.0]))
-    run = ps.simulate(container, approach, duration=500.0, step=0.5, method="rk4")
-
-    def late(seconds):
-        time, delta = run["time"].values, run["delta"].values
-        read = run.assign(delta=("time", np.interp(time - seconds, time, delta)))
-        return ps.pollute(read, level=0.005, rng=np.random.default_rng(1))
-
-    return late
+def circle_with_late_rudder(vessel, approach, seconds):
+    """A circle to starboard after an approach [s] on a straight course, whose rudder is read late [s]."""
+    when = [0.0, approach, approach + 15.2, approach + 800.0]
+    programme = ps.rudder_programme(when, np.deg2rad([0.0, 0.0, -35.0, -35.0]))
+    run = ps.simulate(vessel, programme, duration=approach + 700.0, step=0.5, method="rk4")
+    time, delta = run["time"].values, run["delta"].values
+    return run.assign(delta=("time", np.interp(time - seconds, time, delta)))
 
 
+@pytest.mark.parametrize("level", [0.0, 0.005])
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.4, 0.8])
-def test_a_ship_that_turns_before_its_rudder_has_a_late_rudder_and_no_other_sign(late_circle, container, share):
-    checks = checks_by_name(late_circle(share * container.particulars.ship_time), container)
+def test_a_ship_that_turns_before_its_rudder_has_a_late_rudder_and_no_other_sign(container, share, level):
+    """Late by 0.4 L/U, the gain of Nomoto's equation has the wrong sign by more than five standard errors."""
+    late = circle_with_late_rudder(container, 73.0, share * container.particulars.ship_time)
+    checks = checks_by_name(noisy(late, level=level) if level else late, container)
     assert checks["rudder sign"].verdict == "good"
     timing = checks["rudder timing"]
     assert timing.verdict == ("doubtful" if share > 0.3 else "not checked")
     assert share < 0.3 or "before the rudder is put over" in timing.sentence
+
+
+@pytest.mark.parametrize("approach", [9.0, 60.0])
+def test_noise_of_the_yaw_rate_is_no_turn_before_the_rudder(container, approach):
+    """Forty records of strong noise, on an approach of half a ship time and of three."""
+    clean = circle_with_late_rudder(container, approach, 0.0)
+    verdicts = {checks_by_name(noisy(clean, seed, 0.05), container)["rudder timing"].verdict for seed in range(40)}
+    assert verdicts == {"not checked"}
+
+
+def test_a_slight_turn_before_the_rudder_does_not_matter(container):
+    """One per cent of the largest yaw rate, from 2 s before the first execute, without noise."""
+    clean = circle_with_late_rudder(container, 73.0, 0.0)
+    kick = 0.01 * np.abs(clean["r"].values).max() * ((clean["time"].values > 71.0) & (clean["time"].values < 73.0))
+    assert (
+        checks_by_name(changed(clean, r=clean["r"].values + kick), container)["rudder timing"].verdict == "not checked"
+    )
 
 
 @pytest.mark.parametrize(("degrees", "verdict"), [(45.0, "good"), (57.0, "doubtful"), (70.0, "doubtful")])

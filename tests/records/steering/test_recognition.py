@@ -135,14 +135,15 @@ class TestZigzags:
         """The indices count from the order of a rudder that stays; an easing after 180 deg changes none of them."""
         angle, begin, end = eased
         for later, kind in ((0.0, None), (300.0, "turning_circle")):
-            when = [0.0, begin + later, begin + later + 15.0, end + later, end + later + 15.0, 1500.0]
+            lasts = 900.0 + 2.0 * later
+            when = [0.0, begin + later, begin + later + 15.0, end + later, end + later + 15.0, lasts]
             programme = ps.rudder_programme(when, np.deg2rad([-35.0, -35.0, angle, angle, -35.0, -35.0]))
-            run = ps.simulate(container, programme, duration=1500.0, step=0.5)
+            run = ps.simulate(container, programme, duration=lasts, step=0.5)
             (recognised,), _ = recognise([run], container)
             assert (recognised and recognised.kind) == kind
             if kind is None:  # else the first angle lasts too short to be the first execute
                 reason = unrecognised_text(run, container.particulars.ship_time)
-                assert ("leaves -35 deg" in reason) == (begin > 0.1 * (1500.0 - end)) != ("begins while" in reason)
+                assert ("leaves -35 deg" in reason) == (begin > 0.1 * (lasts - end)) != ("begins while" in reason)
 
     def test_the_steering_goes_to_the_vessel(self):
         steering = Steering(3.0, 1.5, 4)

@@ -57,12 +57,12 @@ def test_another_record_is_no_stopping_test(stopped, change):
     assert measured_stopping(change(stopped[1])) == {}
 
 
-def swinging_stop(noise):
-    """A tanker of 7.97 m/s that stops in 1200 s with a slight swing to starboard, rudder amidships."""
+def swinging_stop(noise, swing=0.04):
+    """A tanker of 7.97 m/s that stops in 1200 s with a slight swing [deg/s] to starboard, rudder amidships."""
     time = np.arange(1400.0)
     begun = np.clip(time - 180.0, 0.0, None)
     u = np.clip(7.97 * (1.0 - begun / 1200.0), -0.1, None)
-    r = np.deg2rad(0.04) * (1.0 - np.exp(-begun / 150.0))
+    r = np.deg2rad(swing) * (1.0 - np.exp(-begun / 150.0))
     v, psi = -0.35 * 320.0 * r, np.concatenate([[0.0], np.cumsum(0.5 * (r[1:] + r[:-1]))])
     rates = np.array([u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)])
     x, y = np.cumsum(rates, axis=1)
@@ -74,10 +74,10 @@ def swinging_stop(noise):
     return xr.Dataset({name: ("time", values) for name, values in read.items()}, {"time": time})
 
 
-@pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_the_checks_of_a_stopping_test_ask_for_no_turn_and_no_revolutions_ahead(noise):
+@pytest.mark.parametrize(("noise", "swing"), [(0.0, 0.04), (1.0, 0.04), (1.0, 0.0)])
+def test_the_checks_of_a_stopping_test_ask_for_no_turn_and_no_revolutions_ahead(noise, swing):
     """Rudder amidships, revolutions astern while the ship makes way ahead; astern from the begin is a sign."""
-    trial, vessel = swinging_stop(noise), ps.load_vessel("kvlcc2")
+    trial, vessel = swinging_stop(noise, swing), ps.load_vessel("kvlcc2")
     checks = {check.name: check for check in ps.trial_checks(trial, vessel, any_speed=True)}
     assert [name for name, check in checks.items() if check.verdict == "bad"] == []
     assert checks["revolutions"].verdict == "good"

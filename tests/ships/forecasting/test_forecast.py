@@ -264,6 +264,15 @@ class TestMedianDraw:
         assert not np.allclose(bare["indices"]["first_overshoot_angle"], erring["indices"]["first_overshoot_angle"])
         assert erring.attrs["median_draw"] == bare.attrs["median_draw"]
 
+    def test_it_goes_by_the_indices_where_there_are_any(self, container):
+        """The twin of the same draws by the track alone is another one."""
+        draws = reference_coefficients(container) * (1.0 + 0.02 * np.random.default_rng(1).standard_normal((24, 102)))
+        settings = {"duration": 200.0, "step": 0.25, "ci_prob": 0.9, "rng": np.random.default_rng(1)}
+        tree = pooled_forecast([(container, draws)], ZIGZAG, **settings)
+        running, track = np.ones(24, dtype=bool), tree["trajectories"].to_dataset()[["x", "y", "psi"]]
+        assert tree.attrs["median_draw"] == _median_draw(tree["indices"].to_dataset(), running)
+        assert tree.attrs["median_draw"] != _median_draw(track.isel(time=slice(None, None, 20)), running)
+
     def test_it_has_not_diverged_unless_all_have(self):
         values = xr.Dataset({"advance": ("draw", [1.0, 2.0, 4.0, np.nan])})
         assert _median_draw(values, np.array([True, True, True, False])) == 1
