@@ -226,7 +226,6 @@ def circle_with_late_rudder(vessel, approach, seconds):
 @pytest.mark.parametrize("level", [0.0, 0.005])
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.4, 0.8])
 def test_a_ship_that_turns_before_its_rudder_has_a_late_rudder_and_no_other_sign(container, share, level):
-    """Late by 0.4 L/U, the gain of Nomoto's equation has the wrong sign by more than five standard errors."""
     late = circle_with_late_rudder(container, 73.0, share * container.particulars.ship_time)
     checks = checks_by_name(noisy(late, level=level) if level else late, container)
     assert checks["rudder sign"].verdict == "good"
@@ -243,13 +242,19 @@ def test_noise_of_the_yaw_rate_is_no_turn_before_the_rudder(container, approach)
     assert verdicts == {"not checked"}
 
 
-def test_a_slight_turn_before_the_rudder_does_not_matter(container):
-    """One per cent of the largest yaw rate, from 2 s before the first execute, without noise."""
+@pytest.mark.parametrize(("part", "verdict"), [(0.01, "not checked"), (0.1, "doubtful")])
+def test_a_slight_turn_before_the_rudder_does_not_matter(container, part, verdict):
+    """A part of the largest yaw rate, from 2 s before the first execute, after an approach without any."""
     clean = circle_with_late_rudder(container, 73.0, 0.0)
-    kick = 0.01 * np.abs(clean["r"].values).max() * ((clean["time"].values > 71.0) & (clean["time"].values < 73.0))
-    assert (
-        checks_by_name(changed(clean, r=clean["r"].values + kick), container)["rudder timing"].verdict == "not checked"
-    )
+    time, r = clean["time"].values, clean["r"].values
+    kicked = np.where(time < 71.0, 0.0, np.where(time < 73.8, part * r[np.argmax(np.abs(r))], r))
+    assert checks_by_name(changed(clean, r=kicked), container)["rudder timing"].verdict == verdict
+
+
+def test_a_late_rudder_has_the_sign_of_the_steady_turn(container):
+    """The gain of Nomoto's equation has the other sign, by more than five standard errors."""
+    late = circle_with_late_rudder(container, 36.5, 0.3 * container.particulars.ship_time)
+    assert checks_by_name(late, container)["rudder sign"].verdict == "good"
 
 
 @pytest.mark.parametrize(("degrees", "verdict"), [(45.0, "good"), (57.0, "doubtful"), (70.0, "doubtful")])
