@@ -102,7 +102,7 @@ test_value_errors = wording(
 test_vessel_errors = wording(
     ps.VesselError,
     (
-        "is to be of 'container', found 'ferry' in x",
+        "must be of the vessel 'container', found 'ferry' in x",
         lambda good, container, tmp_path: ps.diagnostic_report(
             {"x": with_attrs(good, vessel="ferry")}, tmp_path / "out", container
         ),
@@ -114,7 +114,7 @@ test_vessel_errors = wording(
         ),
     ),
     (
-        "is to be of 'container', found 'flat_bottomed' in x",
+        "must be of the vessel 'container', found 'flat_bottomed' in x",
         lambda container: check_posteriors({"x": short_posterior()}, container),
     ),
     (

@@ -37,7 +37,7 @@ from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.term_sets import supports_part_sets, valid_at_any_speed
-from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.physics.vessel.vessel import Vessel, check_same_vessel
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.format import load_format
 from pymc_ship.records.files.quality_flags import quality_remarks
@@ -178,12 +178,8 @@ def _posterior(folder: Path, dof: str, family: str, vessel: Vessel) -> xr.DataTr
 
 
 def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
-    """The posterior itself; ValueError for that of another vessel."""
-    name = tree.attrs.get("vessel")
-    if name != vessel.name:
-        raise ValueError(
-            f"The posterior must be of the vessel {vessel.name!r}, found {name!r} in {path}; give its own --vessel."
-        )
+    """The posterior itself; VesselError for that of another vessel."""
+    check_same_vessel("The posterior", tree.attrs, vessel, f" in {path}")
     return tree
 
 

@@ -23,7 +23,7 @@ from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, heads, percent, table
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.physics.vessel.vessel import Vessel, check_same_vessel
 
 PAGE = Page(
     "diagnostics.html",
@@ -152,10 +152,7 @@ def check_posteriors(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) ->
         posterior_kind(tree).check(tree, name)
         if vessel is None:
             continue
-        if tree.attrs["vessel"] != vessel.name:
-            raise VesselError(
-                f"The posterior is to be of {vessel.name!r}, found {tree.attrs['vessel']!r} in {name}; use its vessel."
-            )
+        check_same_vessel("The posterior", tree.attrs, vessel, f" in {name}")
         names = [str(value) for value in tree["posterior"].dataset["coefficient"].values]
         if names != posterior_kind(tree).coefficient_names(vessel, tree):
             raise VesselError(

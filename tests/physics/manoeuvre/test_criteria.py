@@ -9,6 +9,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria, imo_limits, probability_text
 from pymc_ship.ships.ensemble.scores import quantile_bands
+from tests.sentences import refused
 
 LENGTH = 230.66
 UNITS = {"initial_turning_distance": "m", "advance": "m", "tactical_diameter": "m"}
@@ -44,9 +45,9 @@ def test_the_probability_is_the_share_of_ships_that_keep_the_limit(container):
     assert first["standard_error"] == pytest.approx(np.sqrt(0.6 * 0.4 / 5))
     assert first["median"] == 15.0
     assert (first["lower"], first["upper"]) == pytest.approx((12.4, 27.02))
-    assert (second["probability"], distance["probability"]) == (1.0, 1.0)
+    assert (second["probability"], distance["probability"]) == (6 / 7, 6 / 7)
     assert distance["median"] == pytest.approx(2.0)
-    assert (second["standard_error"], second["not_reached"]) == (0.0, 0.0)
+    assert (second["standard_error"], second["not_reached"]) == (pytest.approx(np.sqrt(6 / 7 / 7 / 5)), 0.0)
 
 
 def test_ships_that_diverge_or_do_not_arrive_do_not_pass(container):
@@ -59,7 +60,7 @@ def test_ships_that_diverge_or_do_not_arrive_do_not_pass(container):
 
 
 def test_a_probability_is_bounded_by_what_is_known_of_statements_like_it(container):
-    tree = zigzag([12.0, 14.0, 15.0, 15.1, 30.0])
+    tree = zigzag([12.0, 14.0, 15.0, 15.1, 30.0] * 20)
     tree.attrs["calibration_cap"] = 0.98
     first, second, _ = ps.imo_probabilities(tree, container)
     assert (first["probability"], second["probability"]) == (0.6, 0.98)
@@ -72,7 +73,7 @@ def test_the_verdict_says_value_interval_limit_and_probability(container):
         "first overshoot angle 13.0 deg (10.3 to 15.7): passes the limit of 15.0 deg with probability 0.75."
     )
     assert distance["verdict"] == (
-        "initial turning distance 2.00 L (2.00 to 2.00): passes the limit of 2.50 L with probability more than 0.99."
+        "initial turning distance 2.00 L (2.00 to 2.00): passes the limit of 2.50 L with probability 0.83."
     )
 
 
@@ -83,7 +84,28 @@ def test_a_verdict_is_open_between_5_and_95_percent(container, passing, conformi
     values = np.where(np.arange(20) < passing, 10.0, 20.0)
     first, *_ = ps.imo_probabilities(zigzag(values), container)
     assert first["conformity"] == conformity
-    assert first["probability"] == passing / 20
+    assert first["probability"] == np.clip(passing / 20, 1 / 22, 21 / 22)
+
+
+@pytest.mark.parametrize(
+    ("draws", "probability", "conformity"), [(1, 2 / 3, "open"), (2, 0.75, "open"), (18, 0.95, "passes")]
+)
+def test_few_draws_support_no_certain_statement(container, draws, probability, conformity):
+    """Laplace's rule: n draws that all pass leave a probability of (n + 1)/(n + 2)."""
+    (first, *_), (failing, *_) = (ps.imo_probabilities(zigzag([angle] * draws), container) for angle in (10.0, 30.0))
+    assert (first["probability"], first["conformity"]) == (pytest.approx(probability), conformity)
+    assert f"with probability {probability:.2f}." in first["verdict"]
+    assert failing["probability"] == pytest.approx(1.0 - probability)
+    assert (failing["conformity"] == "fails") == (conformity == "passes")
+
+
+def test_a_forecast_is_judged_by_the_limits_of_its_own_vessel(container):
+    tree = zigzag([12.0, 14.0])
+    tree.attrs["vessel"] = "kvlcc2"
+    with refused(ps.VesselError, "container", "kvlcc2"):
+        ps.imo_probabilities(tree, container)
+    with refused(ps.SimulationError, "None"):
+        ps.imo_probabilities(None, container)
 
 
 def test_distances_are_compared_in_ship_lengths(container):
@@ -96,19 +118,19 @@ def test_distances_are_compared_in_ship_lengths(container):
 
 
 def test_an_event_that_no_ship_reaches_is_said(container):
-    nowhere = np.full(3, np.nan)
+    nowhere = np.full(30, np.nan)
     advance, _ = ps.imo_probabilities(forecast_of(CIRCLE, advance=nowhere, tactical_diameter=nowhere), container)
-    assert (advance["probability"], advance["not_reached"], advance["conformity"]) == (0.0, 1.0, "fails")
+    assert (advance["probability"], advance["not_reached"], advance["conformity"]) == (1 / 32, 1.0, "fails")
     assert advance["verdict"] == "advance: no draw of the forecast reaches it, which does not count as passing."
 
 
 def test_a_forecast_that_ends_before_the_event_does_not_fail_the_ship(container):
     """One draw of four reaches the event; the others may keep the limit later, but for the one that diverges."""
-    values, diverged = np.array([4.0, np.nan, np.nan, np.nan]) * LENGTH, [False, False, False, True]
-    short = forecast_of(CIRCLE, diverged, duration=300.0, advance=values, tactical_diameter=np.full(4, np.nan))
+    values, diverged = np.array([4.0, np.nan, np.nan, np.nan] * 8) * LENGTH, [False, False, False, True] * 8
+    short = forecast_of(CIRCLE, diverged, duration=300.0, advance=values, tactical_diameter=np.full(32, np.nan))
     advance, diameter = ps.imo_probabilities(short, container)
     assert (advance["probability"], advance["unfinished"], advance["conformity"]) == (0.25, 0.5, "open")
-    assert (diameter["probability"], diameter["unfinished"], diameter["conformity"]) == (0.0, 0.75, "open")
+    assert (diameter["probability"], diameter["unfinished"], diameter["conformity"]) == (1 / 34, 0.75, "open")
     assert (
         "with probability at least 0.25 (75 % of the draws diverge or do not reach it within 300 s, fore"
         in (advance["verdict"])
@@ -116,7 +138,7 @@ def test_a_forecast_that_ends_before_the_event_does_not_fail_the_ship(container)
     assert diameter["verdict"] == (
         "tactical diameter: no draw of the forecast reaches it within 300 s, forecast for 726.5 s."
     )
-    whole = forecast_of(CIRCLE, diverged, advance=values, tactical_diameter=np.full(4, np.nan))
+    whole = forecast_of(CIRCLE, diverged, advance=values, tactical_diameter=np.full(32, np.nan))
     assert [row["conformity"] for row in ps.imo_probabilities(whole, container)] == ["open", "fails"]
 
 

@@ -179,3 +179,12 @@ class TestGrowthBeyondTheRuns:
             lower, _, upper = turn["index_bands"]["advance"].values
             widths.append(float(upper - lower))
         assert widths[1] > 1.3 * widths[0]
+
+
+def test_a_ship_without_a_posterior_or_with_that_of_another_vessel_is_refused(container):
+    with refused(ps.VesselError, "from_vessel"):
+        ps.Ship.from_posterior(container, {}, rng=1)
+    tree = scattered(container, "sway", 4, np.random.default_rng(1))
+    tree.attrs["vessel"] = "kvlcc2"
+    with refused(ps.VesselError, "container", "kvlcc2"):
+        ps.Ship.from_posterior(container, {"sway": tree}, rng=1)

@@ -230,7 +230,9 @@ def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_t
     settings = {"draws": 4, "duration": 10.0}
     fitted = joint(container, 4, rng, trial=zigzag_trial)
     other = joint(container, 4, rng, trial=zigzag_trial.isel(time=slice(5000)))
-    unknown = ({}, joint(container, 4, rng), {"sway": scattered(container, "sway", 4, rng), "yaw": fitted})
+    assert fitted_motion({}) is None
+    alone = {"sway": scattered(container, "sway", 4, rng)}
+    unknown = (alone, joint(container, 4, rng), {"sway": scattered(container, "sway", 4, rng), "yaw": fitted})
     for posteriors in (*unknown, {"sway": fitted, "yaw": other}):
         assert fitted_motion(posteriors) is None
         result = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)

@@ -87,12 +87,13 @@ def test_limits_of_the_loop():
 
 
 def test_the_sentence_has_probabilities_and_widths(kvlcc2):
-    draws = np.tile(reference_coefficients(kvlcc2), (4, 1))
-    draws[:2, coefficient_names(kvlcc2).index("Nr")] -= 0.004
+    draws = np.tile(reference_coefficients(kvlcc2), (400, 1))
+    draws[:200, coefficient_names(kvlcc2).index("Nr")] -= 0.004
     text = spiral_sentence(turns_of(kvlcc2, draws))
     assert text.startswith("Course-stable with probability 0.50 by these draws; loop of the spiral 1.6 deg")
     assert "within the 10.4 deg of IMO MSC/Circ.1053 with probability more than 0.99" in text
     assert spiral_sentence(turns_of(kvlcc2, draws[:2])).endswith("no loop in the spiral.")
+    assert spiral_sentence(turns_of(kvlcc2, draws[:2])).startswith("Course-stable with probability 0.75 by these draws")
 
 
 def test_the_curve_is_drawn_against_the_rudder(kvlcc2):

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.physics.vessel.vessel import Vessel, check_same_vessel
 
 CONFORMANCE_PROBABILITY = 0.95  # probability from which a forecast states conformity; below 1 minus it, non-conformity
 _SHORTER = 0.99  # of the duration of its kind: a forecast of less may end before an event
@@ -24,7 +26,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     tree : DataTree
         From :func:`pymc_ship.forecast`; its attr ``calibration_cap``, if any, bounds the probabilities.
     vessel : Vessel, str or Path
-        Gives L; the speed is the approach speed of the manoeuvre.
+        Vessel of the forecast; gives L. The speed is the approach speed of the manoeuvre.
 
     Returns
     -------
@@ -33,9 +35,19 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
         ``standard_error`` (binomial), ``not_reached`` (fraction of draws that diverge or do not reach the event, which
         counts as not passing), ``unfinished`` (fraction of draws that a forecast shorter than those of its kind ends
         before the event), ``conformity`` (passes, open or fails) and ``verdict``, one sentence. With unfinished draws
-        ``probability`` is the least one.
+        ``probability`` is the least one; it is bounded as by :func:`fraction_of_draws`.
+
+    Raises
+    ------
+    SimulationError, VesselError
+        For anything but a forecast; for another vessel than that of the forecast.
     """
     vessel = as_vessel(vessel)
+    if not isinstance(tree, xr.DataTree):
+        raise SimulationError(
+            f"Criteria are judged by a forecast, found {short_repr(tree)}; give a DataTree of ps.forecast."
+        )
+    check_same_vessel("The forecast", tree.attrs, vessel)
     if "indices" not in tree.children:
         return []
     index_draws, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
@@ -47,7 +59,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     for name, limit, unit, units in imo_limits(index_draws.attrs, vessel):
         values = index_draws[name].values / unit
         reached = running & np.isfinite(values)
-        probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - cap, cap))
+        probability = float(np.clip(fraction_of_draws(reached & (values <= limit)), 1.0 - cap, cap))
         unfinished = float(np.mean(running & ~reached)) if duration < _SHORTER * needed else 0.0
         passes, fails = (
             probability >= CONFORMANCE_PROBABILITY,
@@ -64,6 +76,11 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
         }
         rows.append(row | {"verdict": _sentence(row, duration, needed)})
     return rows
+
+
+def fraction_of_draws(holds: np.ndarray) -> float:
+    """Fraction of n draws for which a statement holds, from 1/(n+2) to (n+1)/(n+2): Laplace's rule of succession."""
+    return float(np.clip(np.mean(holds), 1.0 / (holds.size + 2), (holds.size + 1) / (holds.size + 2)))
 
 
 def probability_text(probability: float) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -229,6 +230,13 @@ def per_facility_indices(vessel: Vessel) -> list[int]:
     """Indices of the parameters that may differ between facilities, among all coefficients."""
     first = sum(map(len, vessel.forces.values()))
     return [first + k for k, parameter in enumerate(vessel.parameters) if parameter.per_facility]
+
+
+def check_same_vessel(what: str, attrs: Mapping[str, Any], vessel: Vessel, where: str = "") -> None:
+    """Raise VesselError if attrs, those of what the error begins with, name another vessel; ``where`` ends it."""
+    name = attrs.get("vessel") or vessel.name
+    if name != vessel.name:
+        raise VesselError(f"{what} must be of the vessel {vessel.name!r}, found {name!r}{where}; give its own vessel.")
 
 
 def most_dofs(vessels: Iterable[Vessel]) -> Vessel:

@@ -10,7 +10,7 @@ import xarray as xr
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import SimulationError, VesselError
 from pymc_ship.physics.forces.surroundings import WIND
-from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
+from pymc_ship.physics.vessel.vessel import Vessel, check_same_vessel, coefficient_names
 
 Models = Sequence[tuple[Vessel, np.ndarray]]  # vessels with draws of their coefficients, (n_draws, n_coefficients)
 
@@ -25,8 +25,8 @@ def coefficient_draws(
 ) -> np.ndarray:
     """Draws (draws, n_coefficients) from a joint posterior, or from that of each DOF, without replacement if possible.
 
-    A DOF without a posterior has the vessel's reference values. VesselError for an unknown DOF or a posterior without
-    one of the coefficients.
+    A DOF without a posterior has the vessel's reference values. VesselError for an unknown DOF, another vessel or a
+    posterior without one of the coefficients.
     """
     if not isinstance(posteriors, Mapping) or not all(isinstance(tree, xr.DataTree) for tree in _trees(posteriors)):
         raise VesselError(
@@ -52,6 +52,7 @@ def _coefficient_rows(
     vessel: Vessel, dof: str, tree: xr.DataTree, group: str, draws: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Draws of the coefficients of a DOF, or of all DOFs ("joint"), each row one draw."""
+    check_same_vessel(f"The {dof} {group}", tree.attrs, vessel)
     names = coefficient_names(vessel) if dof == "joint" else vessel.coefficients(dof)["coefficient"].values.tolist()
     sample = tree[group].dataset["coefficients"].stack(sample=("chain", "draw"))
     lacking = sorted(set(names) - set(sample["coefficient"].values))

@@ -118,12 +118,14 @@ class Ship:
         Raises
         ------
         VesselError
-            For posteriors that do not fit the vessel.
+            For no posterior, or posteriors that do not fit the vessel.
         ValueError
             For fewer than two draws, or noise that is invalid or of an unknown channel.
         """
         check_counts(least=2, draws=draws)
         rng, vessel = random_generator(rng), as_vessel(vessel)
+        if not posteriors:
+            raise VesselError(f"A ship needs a posterior, found {posteriors!r}; give one, or take ps.Ship.from_vessel.")
         noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)
         for name, sd in noise.items():
             if name not in SIMULATED or not 0.0 <= sd < np.inf:

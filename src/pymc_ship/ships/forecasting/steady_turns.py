@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymc_ship.pages.drawing import BLUE, REFERENCE, house_style, subplots
-from pymc_ship.physics.manoeuvre.criteria import probability_text
+from pymc_ship.physics.manoeuvre.criteria import fraction_of_draws, probability_text
 from pymc_ship.physics.motion.equations import STATE, scheme, set_parts, state_derivative, workspace
 from pymc_ship.physics.motion.inputs import steady_inputs
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -88,15 +88,15 @@ def spiral_sentence(turns: xr.Dataset) -> str:
     finite_widths = width[np.isfinite(width)]
     if not finite_widths.size:
         return "No draw has a steady straight course: its course stability is unknown."
-    stable, limit = float(np.mean(finite_widths == 0.0)), largest_loop(turns.attrs["ship_time"])
+    stable, limit = finite_widths == 0.0, largest_loop(turns.attrs["ship_time"])
     lower, median, upper = np.quantile(finite_widths, [0.025, 0.5, 0.975])
-    stability = f"Course-stable with probability {probability_text(stable)} by these draws"
-    if stable == 1.0:
+    stability = f"Course-stable with probability {probability_text(fraction_of_draws(stable))} by these draws"
+    if stable.all():
         return f"{stability}: no loop in the spiral."
     return (
         f"{stability}; loop of the spiral {median:.1f} deg of rudder ({lower:.1f} to {upper:.1f}), within the "
         f"{limit:.1f} deg of IMO MSC/Circ.1053 with probability "
-        f"{probability_text(float(np.mean(finite_widths <= limit)))}."
+        f"{probability_text(fraction_of_draws(finite_widths <= limit))}."
     )
 
 

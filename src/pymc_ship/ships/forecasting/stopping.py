@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.pages.drawing import BLUE, NOISE, house_style, subplots
 from pymc_ship.pages.tables import fixed_point, heads, rounded_percent
-from pymc_ship.physics.manoeuvre.criteria import probability_text
+from pymc_ship.physics.manoeuvre.criteria import fraction_of_draws, probability_text
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import takes_revolutions
 from pymc_ship.physics.motion.replay import replay
@@ -174,7 +174,7 @@ def stopping_sentence(stop: xr.Dataset) -> str:
             f"Stopping test with {astern}: track reach {median:.1f} L by {reach.size} draw{'s' * (reach.size != 1)} "
             f"with forces astern, too few for an interval and a probability.{remainder} {_MORE_DRAWS}"
         )
-    probabilities = [probability_text(float(np.mean(stops & (reach <= limit)))) for limit in (LIMIT, LARGE)]
+    probabilities = [probability_text(fraction_of_draws(stops & (reach <= limit))) for limit in (LIMIT, LARGE)]
     return (
         f"Stopping test with {astern}: track reach {median:.1f} L ({lower:.1f} to "
         f"{upper:.1f}), within the {LIMIT:g} L of IMO MSC.137(76) with probability {probabilities[0]}, within "
