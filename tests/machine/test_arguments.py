@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.machine.arguments import check_choice, finite_number, label_array, real_array, short_repr
+from pymc_ship.machine.arguments import check_choice, check_flags, finite_number, label_array, real_array, short_repr
+from tests.sentences import refused
 
 
 class OddError(ValueError):
@@ -131,3 +132,10 @@ def test_what_is_no_label(values, found):
     with pytest.raises(OddError) as error:
         label_array("The run", values, OddError)
     assert str(error.value) == f"The run must be labels, found {found}; fill the gaps or leave them out."
+
+
+def test_a_flag_is_true_or_false():
+    check_flags(first=True, second=np.bool_(False))
+    for value in ("no", 1, None, [True]):
+        with refused(OddError, "progress"):
+            check_flags(OddError, progress=value)

@@ -36,12 +36,17 @@ def check_choice(what: str, value: object, choices: Iterable[str], error: type[V
         raise error(f"{what} is one of {names}; found {short_repr(value)}{hint}; choose one of them.")
 
 
-def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:
-    """Value as a float; ``error`` for a bool, a text, NaN, infinity or a value below ``least``."""
-    number = math.nan
+def number_or_nan(value: Any) -> float:
+    """Value as a float; NaN for a bool, a text and anything else that is no number."""
     if not isinstance(value, bool | str | bytes):
         with suppress(TypeError, ValueError, OverflowError):
-            number = float(value)
+            return float(value)
+    return math.nan
+
+
+def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:
+    """Value as a float; ``error`` for a bool, a text, NaN, infinity or a value below ``least``."""
+    number = number_or_nan(value)
     if not (math.isfinite(number) and number >= least):
         rule = "a finite number" if least == -math.inf else f"a number from {least:g} up"
         raise error(f"{what} must be {rule}, found {short_repr(value)}; correct it.")
@@ -53,6 +58,13 @@ def check_counts(error: type[ValueError] = ValueError, *, least: int = 1, **coun
     for name, value in counts.items():
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
             raise error(f"{name} must be a whole number from {least} up, found {short_repr(value)}; correct it.")
+
+
+def check_flags(error: type[ValueError] = ValueError, **flags: Any) -> None:
+    """Raise ``error``, which names it, for a flag that is neither True nor False, such as the text "no"."""
+    for name, value in flags.items():
+        if not isinstance(value, bool | np.bool_):
+            raise error(f"{name} is True or False, found {short_repr(value)}; choose one of them.")
 
 
 def check_probabilities(**probabilities: Any) -> None:

@@ -14,6 +14,7 @@ from pymc_ship.inference.regression.tree import exact_posterior, read_posterior,
 from pymc_ship.inference.sampling.prior_laws import horseshoe
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
 from tests.inference.sampling.cases import POWER, hyperparameters, log_density_error, regression
+from tests.sentences import refused
 
 CASES = ("tall", "zscored", "wide")
 SAMPLED = (pytest.param("tall", marks=pytest.mark.consistency), "zscored", "wide")
@@ -195,6 +196,11 @@ def test_sampling_is_silent(capfd, caplog):
     nuts_posterior(regression("tall"), ConjugatePrior(), draws=10, tune=100, rng=np.random.default_rng(6))
     assert tuple(capfd.readouterr()) == ("", "")
     assert not caplog.records
+
+
+def test_a_text_does_not_switch_progress_on():
+    with refused(ValueError, "progress", "no"):
+        nuts_posterior(regression("tall"), ConjugatePrior(), draws=10, tune=10, rng=1, progress="no")
 
 
 def test_import_does_not_load_pymc():

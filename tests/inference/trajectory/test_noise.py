@@ -27,6 +27,7 @@ from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.trial.record import second_difference_sd
 from tests.inference.trajectory.cases import SD, correlated, heavy_tailed, problem_of, rough, truth, white
+from tests.sentences import refused
 
 HEADING = ("u", "v", "r", "psi")
 
@@ -66,6 +67,11 @@ def covered_fraction(fit, ship):
     low, high = np.quantile(draws, (0.05, 0.95), axis=0)
     reference = reference_coefficients(ship)
     return np.mean((low <= reference) & (reference <= high))
+
+
+def test_a_text_does_not_switch_offsets_on(ship, zigzag):
+    with refused(FitError, "offsets", "no"):
+        fit_with_noise([], ship, None, truth(ship, []), offsets="no")
 
 
 class TestChoice:

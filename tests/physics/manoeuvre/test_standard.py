@@ -5,6 +5,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.standard import written_manoeuvre
+from tests.sentences import refused
 
 
 @pytest.mark.parametrize(
@@ -81,3 +82,12 @@ def test_a_programme_does_not_follow_the_arrays_it_was_made_from():
     programme = ps.rudder_programme([0.0, 1.0], delta)
     delta[:] = 9.0
     assert programme.delta == (0.0, 0.1)
+
+
+def test_a_text_is_no_angle_no_speed_and_no_flag():
+    with refused(ps.SimulationError, "rudder_deg"):
+        ps.zigzag("20", 20)
+    with refused(ps.SimulationError, "speed"):
+        ps.turning_circle(35, approach_speed="7")
+    with refused(ps.SimulationError, "rate_limited", "no"):
+        ps.rudder_programme([0.0, 1.0], [0.0, 0.1], rate_limited="no")

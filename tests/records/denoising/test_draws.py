@@ -192,3 +192,8 @@ def test_channels_are_chosen_as_in_denoise():
     assert drawn["u"].dims == ("time",)
     with refused(ValueError, "p"):
         ps.denoise_draws(record(), draws=2, rng=np.random.default_rng(1), channels=["p"])
+
+
+def test_a_text_is_no_transform():
+    with refused(ValueError, "translation_invariant", "no"):
+        ps.denoise_signal_draws(record()["u"].values, translation_invariant="no", rng=1)

@@ -19,7 +19,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, run_parts, with_errors
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.predictive import with_predictive
-from pymc_ship.machine.arguments import check_choice, check_counts, check_probabilities
+from pymc_ship.machine.arguments import check_choice, check_counts, check_flags, check_probabilities
 from pymc_ship.machine.seeds import Seed, random_generator
 
 if TYPE_CHECKING:
@@ -225,6 +225,7 @@ def sample_model(model: Any, settings: dict, seed: int, progress: bool, sampler:
     """
     import pymc as pm
 
+    check_flags(progress=progress)
     sampler = _installed_sampler(sampler)
     if sampler == "nutpie":
         import nutpie

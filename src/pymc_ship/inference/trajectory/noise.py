@@ -20,7 +20,7 @@ from pymc_ship.inference.trajectory.fit import (
 )
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import Run
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, check_flags
 from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -73,6 +73,7 @@ def fit_with_noise(
     doi:10.1093/biomet/65.2.297; Lange, Little & Taylor (1989), doi:10.1080/01621459.1989.10478852.
     """
     check_choice("The noise", noise, NOISE_MODELS, FitError)
+    check_flags(FitError, offsets=offsets is not None and offsets)
     problem = initial_problem(runs, vessel, prior)
     white = _white_fit(problem, np.concatenate([start, *(run.initial_state[0] for run in runs)]))
     tests = residual_tests(white)

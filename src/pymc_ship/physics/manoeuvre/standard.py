@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pymc_ship.machine.arguments import check_choice, real_array, short_repr
+from pymc_ship.machine.arguments import check_choice, check_flags, number_or_nan, real_array, short_repr
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.kinds import SIDES, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, kind_named
@@ -238,7 +238,8 @@ def rudder_programme(
     Raises
     ------
     SimulationError
-        For arrays of different length, values that are not finite or times that do not increase.
+        For arrays of different length, values that are not finite, times that do not increase, or another value of
+        ``rate_limited``.
 
     Examples
     --------
@@ -257,21 +258,22 @@ def rudder_programme(
         raise SimulationError(f"A programme has one angle for each time, found shapes {shapes}; match them.")
     if not (np.isfinite(time).all() and np.isfinite(delta).all()) or (np.diff(time) <= 0).any():
         raise SimulationError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
+    check_flags(SimulationError, rate_limited=rate_limited)
     programme = Manoeuvre("rudder_programme", approach_speed=approach_speed, rate_limited=rate_limited)
     return replace(programme, time=tuple(time.tolist()), delta=tuple(delta.tolist()))
 
 
 def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angles: float) -> None:
     check_choice("The side", side, SIDES, SimulationError)
-    if approach_speed is not None and not 0.0 < approach_speed < np.inf:
+    if approach_speed is not None and not 0.0 < number_or_nan(approach_speed) < np.inf:
         raise SimulationError(
-            f"The approach speed must be positive and finite, found {approach_speed} m/s; correct it."
+            f"The approach speed must be positive and finite, found {short_repr(approach_speed)} m/s; correct it."
         )
     for name, angle in angles.items():
         most = widest if name == "heading_deg" else 90.0
-        if not 0.0 < angle < most:
+        if not 0.0 < number_or_nan(angle) < most:
             raise SimulationError(
-                f"{name} is a magnitude between 0 and {most:g} deg, found {angle}; use `side` for the sign."
+                f"{name} is a magnitude between 0 and {most:g} deg, found {short_repr(angle)}; use `side` for the sign."
             )
 
 

@@ -232,7 +232,7 @@ def per_facility_indices(vessel: Vessel) -> list[int]:
     return [first + k for k, parameter in enumerate(vessel.parameters) if parameter.per_facility]
 
 
-def check_same_vessel(what: str, attrs: Mapping[str, Any], vessel: Vessel, where: str = "") -> None:
+def check_same_vessel(what: str, attrs: Mapping[Any, Any], vessel: Vessel, where: str = "") -> None:
     """Raise VesselError if attrs, those of what the error begins with, name another vessel; ``where`` ends it."""
     name = attrs.get("vessel") or vessel.name
     if name != vessel.name:

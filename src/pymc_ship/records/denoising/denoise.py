@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from pymc_ship.machine.arguments import check_choice, real_array, short_repr
+from pymc_ship.machine.arguments import check_choice, real_array
 from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.records.denoising.ebayes import RULES
 from pymc_ship.records.denoising.smoothers import SMOOTHERS, smooth_signal
@@ -186,9 +186,6 @@ def _denoise(y: ArrayLike, what: str, method: str, settings: dict[str, Any]) -> 
 def _check_method(method: str, function: Callable[..., object], settings: dict[str, Any]) -> None:
     """Raise ValueError for an unknown method, and for wavelet settings of a smoother."""
     check_choice("The method", method, METHODS)
-    averaged = settings["translation_invariant"]
-    if not isinstance(averaged, bool | np.bool_):
-        raise ValueError(f"translation_invariant is True or False, found {short_repr(averaged)}; choose one of them.")
     defaults = {name: argument.default for name, argument in signature(function).parameters.items()}
     changed = [name for name, value in settings.items() if np.any(np.asarray(value != defaults.get(name)))]
     if method in SMOOTHERS and changed:

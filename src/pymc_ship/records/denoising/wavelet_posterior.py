@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pywt
 
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, check_flags
 from pymc_ship.records.denoising import wavelets
 from pymc_ship.records.denoising.ebayes import PRIORS, fit_prior, mad, posterior_draw, shrink
 
@@ -80,6 +80,7 @@ def wavelet_posterior(
     boundary: str = "reflect",
 ) -> WaveletPosterior:
     """Posterior of a finite signal; parameters as :func:`pymc_ship.denoise_signal`, ``name`` is that in errors."""
+    check_flags(translation_invariant=translation_invariant)
     check_choice("The prior", prior, PRIORS)
     check_choice("The boundary", boundary, wavelets.BOUNDARIES)
     filters = wavelets.orthogonal_wavelet(wavelet)
