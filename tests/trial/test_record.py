@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.trial.record import check_trial, trial_list
+from pymc_ship.trial.record import check_trial, named_trials, run_names, trial_list
 from tests.sentences import refused
 
 CHANNELS = ("u", "v", "r", "p", "phi", "psi", "x", "y", "delta")
@@ -19,6 +19,16 @@ def record(n=50, step=0.1):
     rng = np.random.default_rng(6)
     channels = {name: ("time", rng.standard_normal(n) * 10.0 ** rng.integers(-12, 6, n)) for name in CHANNELS}
     return xr.Dataset(channels, {"time": np.arange(n) * step})
+
+
+def test_every_run_has_a_name_of_its_own():
+    assert run_names("A score", None, 2) == ("1", "2")
+    assert run_names("A score", [1, "b"], 2) == ("1", "b")
+    for names, named in ((["a", "a"], "a"), ("ab", "ab"), (["a"], 1), ([], 0)):
+        with refused(ps.TrialError, named):
+            run_names("A score", names, 2)
+    with refused(ps.TrialError, "1"):
+        named_trials({1: record(), "1": record()})
 
 
 class TestCheck:

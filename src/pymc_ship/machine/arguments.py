@@ -102,6 +102,17 @@ def label_array(what: str, values: Any, error: type[ValueError] = ValueError) ->
     return objects.astype(str)
 
 
+def name_list(what: str, names: Any, error: type[ValueError] = ValueError) -> tuple[str, ...]:
+    """Names as texts; ``error`` for one text, which is no list of its letters, and for names that do not differ."""
+    if isinstance(names, str | bytes) or not isinstance(names, Iterable):
+        raise error(f"{what} must be a list of names, found {short_repr(names)}; put one name into a list.")
+    found = tuple(map(str, names))
+    twice = sorted({name for name in found if found.count(name) > 1})
+    if twice:
+        raise error(f"{what} must differ, found {', '.join(twice)} more than once; rename or leave out.")
+    return found
+
+
 def _check_unmasked(rule: str, values: Any, error: type[ValueError]) -> None:
     parts = values if isinstance(values, list | tuple) else [values]
     masked = sum(np.count_nonzero(np.ma.getmaskarray(part)) for part in parts if np.ma.is_masked(part))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.arguments import name_list, short_repr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.files import staged_path
 from pymc_ship.trial.channels import CHANNELS, TIME
@@ -64,7 +64,20 @@ def named_trials(trials: object) -> dict[str, xr.Dataset]:
     """Trials by name; TrialError for anything else than a mapping of trials."""
     if isinstance(trials, xr.Dataset) or not isinstance(trials, Mapping):
         raise TrialError(f"Trials must be a dict of Datasets by name, found {_kind(trials)}; give each trial a name.")
-    return {str(name): as_trial(trial) for name, trial in trials.items()}
+    names = name_list("The names of trials", trials, TrialError)
+    return {name: as_trial(trial) for name, trial in zip(names, trials.values(), strict=True)}
+
+
+def run_names(what: str, names: Iterable[str] | None, n_trials: int) -> tuple[str, ...]:
+    """Names of the runs that ``what`` needs, numbers by default; TrialError without trials or another name for each."""
+    numbers = map(str, range(1, n_trials + 1))
+    found = name_list("The names of runs", numbers if names is None else names, TrialError)
+    if not n_trials or len(found) != n_trials:
+        raise TrialError(
+            f"{what} needs one trial or more and a name for each, found {n_trials} trials and {len(found)} names; "
+            "correct them."
+        )
+    return found
 
 
 def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = True) -> xr.Dataset:

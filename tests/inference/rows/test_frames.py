@@ -211,6 +211,24 @@ def test_labelled_arrays_are_taken_by_their_labels(prior):
             call()
 
 
+def test_labelled_columns_have_their_own_names_whatever_their_order():
+    values, y = np.random.default_rng(1).normal(size=(9, 3)), np.arange(9.0) ** 2
+    X = xr.DataArray(values, {"coefficient": ["a", "b", "q"]}, ("row", "coefficient"))
+    for names, rows in ((None, X), (["q", "a", "b"], X), (["q", "a", "b"], X.T), (["b", "q"], X)):
+        data = ps.RegressionData.from_arrays(rows, y, names)
+        assert data.coefficients == tuple(names or "abq")
+        np.testing.assert_array_equal(data.design_matrix, X.sel(coefficient=list(data.coefficients)).values)
+    numbered = xr.DataArray(values, {"row": np.arange(9)}, ("row", "column"))
+    assert ps.RegressionData.from_arrays(numbered, y, ["0", "1", "2"]).n_rows == 9
+    for rows, names, found in (
+        (X, ["u", "v", "w"], "q"),
+        (X, "abq", "abq"),
+        (X.to_dataset("coefficient"), None, "real"),
+    ):
+        with refused(ps.InferenceError, found):
+            ps.RegressionData.from_arrays(rows, y, names)
+
+
 @pytest.mark.parametrize("prior", [ps.ConjugatePrior(), ps.SemiConjugatePrior()])
 def test_predictions_take_new_rows_as_their_users_have_them(frame, prior):
     data = ps.RegressionData.from_arrays(frame[["v", "r"]], frame["Y"], scaling="zscore")

@@ -14,6 +14,7 @@ from pymc_ship.ships.identification.open_loop import reading_noise_sd, replay_no
 from pymc_ship.ships.identification.replay import SCORED
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as parts_of_tanker
+from tests.sentences import refused
 from tests.ships.ensemble.cases import motion_of, ship_of
 from tests.ships.forecasting.posteriors import joint
 
@@ -28,6 +29,23 @@ def tanker():
 @pytest.fixture(scope="module")
 def trial(tanker):
     return ps.simulate(tanker, ps.zigzag(20, 20), duration=DURATION, step=0.5, method="rk4")
+
+
+def test_runs_of_one_name_are_refused_where_names_are_given(tanker, trial):
+    calls = (
+        lambda: ps.score(tanker, [trial, trial], names=["a", "a"]),
+        lambda: ps.score_indices(tanker, [trial, trial], names=["a", "a"], rng=1),
+        lambda: ps.identify_ship([trial, trial], tanker, names=["a", "a"], rng=1),
+    )
+    for call in calls:
+        with refused(ps.TrialError, "a"):
+            call()
+
+
+@pytest.mark.parametrize("windows", [{"length": "100"}, {"length": 100.0, "every": np.nan}])
+def test_windows_are_numbers(tanker, trial, windows):
+    with refused(ps.TrialError, "windows"):
+        ps.score(tanker, trial, **windows)
 
 
 def test_a_ship_replays_its_own_run(tanker, trial):

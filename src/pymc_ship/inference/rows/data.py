@@ -10,8 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from pymc_ship.inference.rows.frames import Formula, check_same_rows, formula_rows, frame_columns, frame_names, is_frame
-from pymc_ship.machine.arguments import check_choice, label_array, real_array
+from pymc_ship.inference.rows.frames import (
+    Formula,
+    by_label,
+    check_same_rows,
+    column_names,
+    formula_rows,
+    frame_columns,
+    is_frame,
+)
+from pymc_ship.machine.arguments import check_choice, label_array, name_list, real_array
 from pymc_ship.machine.errors import InferenceError
 
 ROUNDING = 1e-10
@@ -128,7 +136,8 @@ class RegressionData:
         design_matrix : array_like, shape (n_rows, n_terms), or DataFrame
         response : array_like, shape (n_rows,)
         coefficients : sequence of str, optional
-            Names of the columns, ``x1``, ``x2``, ... by default; for a DataFrame the columns to use, all by default.
+            Names of the columns, ``x1``, ``x2``, ... by default; for a DataFrame or a labelled array of xarray the
+            columns to use, all by default.
         scaling : {"zscore", "none"}, optional
             "zscore": priors are of columns and response of unit mean square, centred if one column is constant, so
             that units do not matter; "none": priors are in the units given.
@@ -144,18 +153,20 @@ class RegressionData:
             columns or response without variation, or a table or labelled array and a response of different index.
         """
         rounding = _rounding(design_matrix.to_numpy() if is_frame(design_matrix) else design_matrix)
+        given = column_names(design_matrix)
+        if coefficients is not None:
+            given = name_list("Coefficient names", coefficients, InferenceError)
+        if given is not None and not is_frame(design_matrix):
+            design_matrix = by_label(design_matrix, given, "The rows")
         for what, column in {"response": response, "time": time, "run": run}.items():
             check_same_rows(design_matrix, column, what)
         if is_frame(design_matrix):
-            coefficients = frame_names(design_matrix) if coefficients is None else tuple(map(str, coefficients))
-            design_matrix = frame_columns(design_matrix, coefficients, "The rows")
+            design_matrix = frame_columns(design_matrix, given or (), "The rows")
         X = real_array("The design matrix", design_matrix, InferenceError)
         y = real_array("The response", response, InferenceError)
         if X.ndim != 2 or X.size == 0:
             raise InferenceError(f"A design matrix has shape (rows, terms), found {X.shape}; reshape it.")
-        names = (
-            tuple(map(str, coefficients)) if coefficients is not None else tuple(f"x{j + 1}" for j in range(X.shape[1]))
-        )
+        names = tuple(f"x{j + 1}" for j in range(X.shape[1])) if given is None else given
         times = np.arange(len(y), dtype=float) if time is None else real_array("The time", time, InferenceError)
         runs = np.full(len(y), "1") if run is None else label_array("The run", run, InferenceError)
         _check(X, y, names, times, runs)
@@ -358,9 +369,6 @@ def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...], time: np.ndarra
             raise InferenceError(f"The {what} has one value for each of {len(X)} rows, found shape {values.shape}.")
     if len(names) != X.shape[1]:
         raise InferenceError(f"Each of the {X.shape[1]} columns has one name, found {len(names)} names.")
-    if len(set(names)) != len(names):
-        twice = sorted({name for name in names if names.count(name) > 1})
-        raise InferenceError(f"Coefficient names must differ, found {', '.join(twice)} more than once.")
     bad = [name for j, name in enumerate(names) if not np.isfinite(X[:, j]).all()]
     bad += [f"the {what}" for what, values in {"response": y, "time": time}.items() if not np.isfinite(values).all()]
     if not bad:

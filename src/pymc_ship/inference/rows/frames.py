@@ -43,6 +43,21 @@ def frame_names(frame: Any) -> tuple[str, ...]:
     return tuple(map(str, frame.columns))
 
 
+def column_names(table: Any) -> tuple[str, ...] | None:
+    """Names of the columns of a table, or of an array of xarray with labels that are texts; None for others."""
+    if is_frame(table):
+        return frame_names(table)
+    dims = _labelled_dims(table)
+    index = table.indexes.get(dims[-1]) if dims else None
+    return None if index is None or index.dtype.kind in "iuf" else tuple(map(str, index))
+
+
+def _labelled_dims(array: Any) -> tuple[str, ...]:
+    """Dims of an array of xarray; none of anything else, such as a Dataset, whose dims are no tuple."""
+    dims = getattr(array, "dims", ())
+    return dims if isinstance(dims, tuple) and hasattr(array, "indexes") else ()
+
+
 def frame_columns(frame: Any, names: Sequence[str], what: str) -> np.ndarray:
     """Columns of a table by name, shape (n_rows, n_names); InferenceError if missing, repeated or not numeric."""
     check_names(frame, names, what)
@@ -88,7 +103,7 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
     InferenceError for another shape, missing or repeated columns, values that are not finite, fixed coefficients.
     """
     if not is_frame(new_rows):
-        X = real_array("New rows", _by_label(new_rows, coefficients), InferenceError)
+        X = real_array("New rows", by_label(new_rows, coefficients, "New rows"), InferenceError)
     elif formula is None:
         X = frame_columns(new_rows, coefficients, "New rows")
     else:
@@ -109,18 +124,17 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
     raise InferenceError(f"New rows are finite, of shape (rows, {len(coefficients)}), found {fault}; check them.")
 
 
-def _by_label(new_rows: Any, coefficients: Sequence[str]) -> Any:
-    """Array of xarray with its columns in the order of their labels; InferenceError for labels of other columns."""
-    dims = getattr(new_rows, "dims", ()) if hasattr(new_rows, "indexes") else ()
-    labels = {dim: list(map(str, new_rows.indexes[dim])) for dim in dims if dim in new_rows.indexes}
-    for dim in reversed(labels):
-        if sorted(labels[dim]) == sorted(coefficients):
-            return new_rows.isel({dim: [labels[dim].index(name) for name in coefficients]}).transpose(..., dim)
-    if dims and dims[-1] in labels and new_rows.indexes[dims[-1]].dtype.kind not in "iuf":
-        raise InferenceError(
-            f"New rows need the columns {_name_list(coefficients)}, found {_name_list(labels[dims[-1]])}; rename them."
-        )
-    return new_rows
+def by_label(rows: Any, names: Sequence[str], what: str) -> Any:
+    """Array of xarray with the columns of these labels, in this order; InferenceError for labels of other columns."""
+    for dim in (dim for dim in reversed(_labelled_dims(rows)) if dim in rows.indexes):
+        labels = list(map(str, rows.indexes[dim]))
+        chosen = len(labels) == len(names) or rows.indexes[dim].dtype.kind not in "iuf"  # numbers may be those of rows
+        if chosen and all(labels.count(name) == 1 for name in names):
+            return rows.isel({dim: [labels.index(name) for name in names]}).transpose(..., dim)
+    found = column_names(rows)
+    if found is not None:
+        raise InferenceError(f"{what} need the columns {_name_list(names)}, found {_name_list(found)}; rename them.")
+    return rows
 
 
 @dataclass(frozen=True, eq=False)

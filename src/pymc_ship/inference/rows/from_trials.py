@@ -18,7 +18,7 @@ from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 from pymc_ship.records.files.quality_flags import quality_flags
-from pymc_ship.trial.record import as_trial, sampling_interval, trial_list
+from pymc_ship.trial.record import named_trials, sampling_interval, trial_list
 
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
 """Samples at the beginning and end of a record without a difference."""
@@ -111,10 +111,8 @@ def regression_data(
 
 def _by_run(trials: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
     """Trials by the label of their run."""
-    if isinstance(trials, Mapping) and not isinstance(trials, xr.Dataset):
-        by_run = {str(run): as_trial(trial) for run, trial in trials.items()}
-    else:
-        by_run = {str(k): trial for k, trial in enumerate(trial_list(trials), 1)}
+    several = isinstance(trials, Mapping) and not isinstance(trials, xr.Dataset)
+    by_run = named_trials(trials) if several else {str(k): trial for k, trial in enumerate(trial_list(trials), 1)}
     if not by_run:
         raise InferenceError("Rows come from one trial or several, found none; give them.")
     return by_run

@@ -53,7 +53,7 @@ from pymc_ship.ships.identification.open_loop import (
     replay_noise_sd,
     simulate_open_loop,
 )
-from pymc_ship.trial.record import facility_of, sampling_interval, trial_list
+from pymc_ship.trial.record import facility_of, run_names, sampling_interval, trial_list
 
 _REPLAYS = 40  # draws of a replay of a held-out run
 _FORECASTS = 100  # draws of a held-out forecast
@@ -174,12 +174,7 @@ def identify_ship(
     check_counts(TrialError, least=2, draws=draws)
     rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)
     before = prior if isinstance(prior, Ship) else None
-    names = tuple(names or (str(k + 1) for k in range(len(trials))))
-    if not trials or len(names) != len(trials):
-        raise TrialError(
-            f"An identification needs one trial or more and a name for each, found {len(trials)} trials and "
-            f"{len(names)} names; correct them."
-        )
+    names = run_names("An identification", names, len(trials))
     kind = prior_kind_of(vessel, (prior.prior if isinstance(prior, Ship) else prior) or None)
     training = _with_earlier_runs(before, replace(_prepare(trials, vessel, kind), captive=captive))
     term_set_names = tuple(dict.fromkeys(terms or training.earlier or default_term_sets(training)))

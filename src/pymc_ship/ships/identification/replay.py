@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
-from pymc_ship.machine.arguments import check_counts, check_probabilities
+from pymc_ship.machine.arguments import check_counts, check_probabilities, number_or_nan
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.motion.equations import STATE
@@ -25,7 +25,7 @@ from pymc_ship.ships.identification.held_out import forecast_rows, index_noise_s
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.ships.identification.open_loop import reading_noise_sd, replay_noise_sd, simulate_open_loop
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import as_trial, check_trial, facility_of, trial_list
+from pymc_ship.trial.record import as_trial, check_trial, facility_of, run_names, trial_list
 
 SCORED = ("u", "v", "r", "psi", "position")  # channels of a score; the position is the distance between the tracks
 _VELOCITIES = SCORED[:3]
@@ -168,14 +168,13 @@ def score(
     ship, trials = as_ship(ship), trial_list(trials)
     for trial in trials:
         check_trial(trial, (*_MEASURED, "x", "y"))
-    names = tuple(names or (str(k + 1) for k in range(len(trials))))
+    names = run_names("A score", names, len(trials))
     unit = ship.vessel.particulars.ship_time
     length = 5.0 * unit if length is None else length
     every = length if every is None else every
-    if not trials or len(names) != len(trials) or not 0.0 < length < np.inf or not 0.0 < every < np.inf:
+    if not 0.0 < number_or_nan(length) < np.inf or not 0.0 < number_or_nan(every) < np.inf:
         raise TrialError(
-            f"A score needs one record or more, a name for each, and positive length and distance of windows, found "
-            f"{len(trials)} records, {len(names)} names, {length} s and {every} s; correct them."
+            f"A score needs windows of positive length and distance, found {length} s and {every} s; correct them."
         )
     means = {name: float(np.mean(np.concatenate([trial[name].values for trial in trials]))) for name in _VELOCITIES}
     settings: dict[str, Any] = {"windows": (length, every), "means": means, "draws": draws, "ci_prob": ci_prob}
@@ -226,7 +225,7 @@ def score_indices(
     """
     check_counts(draws=draws)
     rng, ship, trials = random_generator(rng), as_ship(ship), trial_list(trials)
-    names = names or [str(k + 1) for k in range(len(trials))]
+    names = run_names("A score", names, len(trials))
     drawn_models, errors = thinned_draws(ship.models, draws), ship.index_error or {}
     weight = np.array([len(rows) for _, rows in drawn_models], dtype=float)
     manoeuvres, _ = recognise_by_facility(trials, ship.vessel)
