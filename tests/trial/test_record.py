@@ -128,6 +128,24 @@ class TestInterruptedWriting:
         assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda trial: trial.drop_vars("time"), "time"),
+        (lambda trial: trial[["time"]], "channels"),
+        (lambda trial: trial.expand_dims(draw=2), "draw"),
+        (lambda trial: trial.assign(u=3.0), "u"),
+        (lambda trial: trial.assign_attrs(facility='tank "B"'), "facility"),
+        (lambda trial: trial.assign_attrs(facility="tank\nB"), "facility"),
+        (lambda trial: trial.assign_attrs(speeds='over "ground"'), "speeds"),
+    ],
+)
+def test_what_a_file_cannot_hold_is_refused_before_it_is_written(tmp_path, change, named):
+    with refused(ps.TrialError, named):
+        ps.write_trial(change(record()), tmp_path / "trial.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
 class TestUnits:
     @pytest.mark.parametrize(
         ("name", "units"), [("delta", "deg"), ("u", "kn"), ("r", "deg/s"), ("u", "furlong"), ("time", "min")]

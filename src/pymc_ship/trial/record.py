@@ -92,10 +92,7 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
         raise TrialError(f"The trial needs the channels {', '.join(channels)}; {', '.join(missing)} missing; add them.")
     time = trial["time"].values
     for name in channels:
-        if trial[name].dims != ("time",):
-            raise TrialError(
-                f"Channel {name} must be a function of time alone, found dims {trial[name].dims}; select one run."
-            )
+        _check_dims(trial, name)
         bad = np.flatnonzero(~np.isfinite(trial[name].values))
         if bad.size:
             raise TrialError(
@@ -111,6 +108,13 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
             "resample the record."
         )
     return trial
+
+
+def _check_dims(trial: xr.Dataset, name: str) -> None:
+    if trial[name].dims != ("time",):
+        raise TrialError(
+            f"Channel {name} must be a function of time alone, found dims {trial[name].dims}; select one run."
+        )
 
 
 def is_uniform(time: np.ndarray) -> bool:
@@ -169,6 +173,8 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     ------
     OutputError
         When the folder cannot be written.
+    TrialError
+        Without time or channels; for channels of other dims, and attrs that no comment line can keep.
 
     Examples
     --------
@@ -178,10 +184,17 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     >>> ps.read_trial(path)["psi"].equals(trial["psi"])
     True
     """
-    path, trial = Path(path), as_trial(trial)
+    path, trial = Path(path), check_trial(trial, (), uniform=False)
     names = [name for name in CHANNELS if name in trial]
+    if not names:
+        raise TrialError("A record to be written needs channels such as u, v and r, found none; add them.")
+    for name in names:
+        _check_dims(trial, name)
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
-    settings = {key: trial.attrs[key] for key in SETTINGS if trial.attrs.get(key)}
+    settings = {key: str(trial.attrs[key]) for key in SETTINGS if trial.attrs.get(key)}
+    for key, value in settings.items():
+        if '"' in value or not value.isprintable():
+            raise TrialError(f"The attr {key} must be one line without quotes, found {short_repr(value)}; change it.")
     with staged_path(path) as partial, partial.open("w", encoding="utf-8") as file:
         assumed = f", {ASSUMED}" if trial.attrs.get(AXES) else ""
         file.write(f"{rudder_line('port')}{assumed}\n" if "delta" in names else "")
