@@ -129,6 +129,16 @@ class TestErrors:
         message = error_of(vessel_file(r"^Yv =", f"{_quoted(term)} = 1.0\nYv ="))
         assert f"coefficients.sway.{term.strip(chr(34))} must name a coefficient" in message
 
+    @pytest.mark.parametrize(
+        ("first", "second"), [("Yvvr", "Yvrv"), ("Yr|p|", "Y|p|r"), ("Yupp", "Y0upp"), ("Y|vr|", "Y|r||v|")]
+    )
+    def test_two_spellings_of_a_term_are_refused(self, vessel_file, first, second):
+        own = re.search(rf"^\"?{re.escape(first)}\"? =", CONTAINER.read_text(), re.MULTILINE)
+        lines = f"{_quoted(second)} = 1.0\nYv =" if own else f"{_quoted(first)} = 1.0\n{_quoted(second)} = 1.0\nYv ="
+        message = error_of(vessel_file(r"^Yv =", lines))
+        assert re.search(rf"(?<!\w){re.escape(second)}(?!\w)", message)
+        assert re.search(rf"(?<!\w){re.escape(first)}(?!\w)", message)
+
     def test_a_wrong_first_letter_is_named(self, vessel_file):
         message = error_of(vessel_file(r"^Yv =", "Nv ="))
         assert "coefficients.sway.Nv must begin with Y" in message

@@ -220,6 +220,11 @@ def _force(table: Entry, dof: str) -> tuple[Coefficient, ...]:
     force = tuple(_coefficient(name, table.at(name), dof, source) for name in table if name != "source")
     if not force:
         table.fail(f"is empty; add a coefficient such as {LETTER[dof]}v, or leave the table out.")
+    spellings: dict[tuple[int, ...], str] = {}
+    for one in force:
+        first = spellings.setdefault(tuple(sorted(factors(one.term))), one.name)
+        if first != one.name:
+            table.fail(f"must have each term once, found {one.name}, which is the term of {first}; write one of them.")
     return force
 
 
