@@ -14,7 +14,9 @@ import xarray as xr
 
 from pymc_ship.records.denoising.denoise import denoise, denoise_signal
 from pymc_ship.records.denoising.derivative import derivative
+from pymc_ship.records.denoising.draws import denoise_draws
 from pymc_ship.records.denoising.ebayes import ebayes_threshold, mad
+from tests.sentences import refused
 
 DATA = Path(__file__).parents[2] / "data" / "wavelet"
 SMOOTHED = ("u", "v", "r", "psi")
@@ -279,3 +281,35 @@ def test_an_order_is_not_smoothed():
     order = np.where((TIME // 400) % 2, 0.35, -0.35)
     with pytest.warns():
         assert np.array_equal(denoise_signal(order), order)
+
+
+@pytest.mark.parametrize("method", ["wavelet", "savitzky_golay", "low_pass", "rts"])
+@pytest.mark.parametrize("step", [1.0, 0.25, np.deg2rad(0.25)])
+def test_straight_lines_have_no_noise(step, method):
+    """Their even steps are no rounding; so are those of a rudder between two angles at which it rests."""
+    ramp = step * np.arange(400.0)
+    rudder = np.clip(ramp, 50.0 * step, 200.0 * step)
+    for signal in (ramp, ramp - 100.0 * step, rudder, rudder[::-1]):
+        assert np.array_equal(denoise_signal(signal, method=method), signal)
+
+
+def test_time_is_not_denoised():
+    for channels in (["time"], ["u", "time"], ["u", "u"], "u"):
+        with refused(ValueError, "time" if "time" in channels else "u"):
+            denoise(zigzag(100), channels=channels)
+
+
+@pytest.mark.parametrize("method", ["wavelet", "rts"])
+def test_a_heading_that_jumps_by_whole_turns_is_smoothed_across_the_jump(method):
+    record = noisy(zigzag(), 0.01)
+    rate = 2.0 * np.pi / 500.0
+    record["psi"] = record["psi"] + rate * np.arange(record.time.size)
+    wrapped = record.assign(psi=(record["psi"] + np.pi) % (2.0 * np.pi) - np.pi)
+    jumps = np.abs(np.diff(wrapped["psi"].values)) > 3.0
+    assert jumps.sum() > 4
+    whole, parts = denoise(record, method=method)["psi"], denoise(wrapped, method=method)["psi"]
+    turns = (parts - whole).values / (2.0 * np.pi)
+    np.testing.assert_allclose(turns, (wrapped["psi"] - record["psi"]).values / (2.0 * np.pi), atol=1e-9)
+    if method == "wavelet":
+        drawn = [denoise_draws(one, draws=2, rng=1)["psi"].values for one in (record, wrapped)]
+        np.testing.assert_allclose(drawn[1] - drawn[0], np.tile(2.0 * np.pi * turns, (2, 1)), atol=1e-7)

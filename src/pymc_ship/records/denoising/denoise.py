@@ -10,13 +10,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from pymc_ship.machine.arguments import check_choice, real_array
+from pymc_ship.machine.arguments import check_choice, name_list, real_array
 from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.records.denoising.ebayes import RULES
 from pymc_ship.records.denoising.smoothers import SMOOTHERS, smooth_signal
 from pymc_ship.records.denoising.wavelet_posterior import wavelet_posterior
-from pymc_ship.trial.channels import channel_names
+from pymc_ship.trial.channels import CHANNELS, channel_names
 from pymc_ship.trial.record import as_trial, check_trial
+from pymc_ship.trial.units import RADIAN
 
 METHODS = ("wavelet", *SMOOTHERS)
 MIN_LENGTH = 16  # samples: one level of wavelets and eight coefficients of the approximation
@@ -48,14 +49,16 @@ def denoise(
     Returns
     -------
     Dataset
-        Trial with denoised channels. Its attrs: ``denoised`` (names of the channels), ``denoise_wavelet``,
-        ``denoise_transform``, ``denoise_prior`` and the options, or ``denoise_method`` of a smoother. Attrs of each
-        channel: ``noise_sdev`` and the parameter of a smoother, such as ``denoise_window``.
+        Trial with denoised channels; angles keep their jumps of whole turns. Its attrs: ``denoised`` (names of the
+        channels), ``denoise_wavelet``, ``denoise_transform``, ``denoise_prior`` and the options, or ``denoise_method``
+        of a smoother. Attrs of each channel: ``noise_sdev`` and the parameter of a smoother, such as
+        ``denoise_window``.
 
     Raises
     ------
     ValueError
-        For a channel that is missing, not finite or not over time alone, uneven times, and as :func:`denoise_signal`.
+        For channels that are missing, repeated, not finite or not over time alone, for uneven times and the time
+        itself, and as :func:`denoise_signal`.
 
     Examples
     --------
@@ -80,7 +83,9 @@ def denoise(
     names = channels_to_denoise(trial, channels)
 
     def smooth(name: str) -> tuple[np.ndarray, dict[str, Any]]:
-        return _denoise(trial[name].to_numpy(), f"channel {name}", method, choice)
+        values, turns = without_turns(trial, name)
+        estimate, attrs = _denoise(values, f"channel {name}", method, choice)
+        return estimate + turns, attrs
 
     results = map_in_threads(smooth, names)
     denoised = trial.copy()
@@ -96,13 +101,25 @@ def denoise(
 def channels_to_denoise(trial: xr.Dataset, channels: Sequence[str] | None) -> list[str]:
     """Names of the channels to denoise, checked; by default the motion channels of the trial."""
     motion_names = channel_names(lambda channel: channel.denoised)
-    names = [name for name in motion_names if name in trial] if channels is None else list(channels)
+    given = [name for name in motion_names if name in trial] if channels is None else channels
+    names = list(name_list("The channels", given))
     if not names:
         raise ValueError(
             f"Denoising needs one of the channels {', '.join(motion_names)}, found none; name the channels."
         )
+    if "time" in names:
+        raise ValueError("Denoising needs channels over time, found the time itself; leave it out.")
     check_trial(trial, names)
     return names
+
+
+def without_turns(trial: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Channel, unwrapped if it is an angle, and the whole turns that this takes off each sample."""
+    values = trial[name].to_numpy()
+    if name not in CHANNELS or CHANNELS[name].unit != RADIAN:
+        return values, np.zeros(values.shape)
+    unwrapped = np.unwrap(values)
+    return unwrapped, values - unwrapped
 
 
 def denoise_signal(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.machine.threads import map_in_threads
-from pymc_ship.records.denoising.denoise import channels_to_denoise, finite_signal
+from pymc_ship.records.denoising.denoise import channels_to_denoise, finite_signal, without_turns
 from pymc_ship.records.denoising.wavelet_posterior import wavelet_posterior
 from pymc_ship.trial.record import as_trial
 
@@ -64,7 +64,8 @@ def denoise_draws(
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
 
     def draw(name: str, rng: np.random.Generator) -> np.ndarray:
-        return _draw(trial[name].to_numpy(), f"channel {name}", draws, rng, settings)
+        values, turns = without_turns(trial, name)
+        return _draw(values, f"channel {name}", draws, rng, settings) + turns
 
     results = map_in_threads(draw, names, rng.spawn(len(names)))
     trial_draws = trial.assign_coords(draw=np.arange(draws))

@@ -104,8 +104,8 @@ SMOOTHERS = {
 
 
 def smooth_signal(signal: np.ndarray, method: str) -> Smooth:
-    """Signal smoothed by one of :data:`SMOOTHERS`; unchanged if its second differences vanish."""
-    if np.abs(np.diff(signal, 2)).max() <= wavelets.ACCURACY * np.abs(signal).max():
+    """Signal smoothed by one of :data:`SMOOTHERS`; unchanged if it consists of straight lines."""
+    if wavelets.is_straight(signal):
         return Smooth(signal.copy(), 0.0, np.nan)
     return SMOOTHERS[method].smooth(signal)
 

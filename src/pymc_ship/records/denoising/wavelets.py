@@ -67,8 +67,19 @@ def moving(signal: np.ndarray) -> np.ndarray:
     return mask if mask.mean() > 0.1 else np.ones(signal.size, dtype=bool)
 
 
+def is_straight(signal: np.ndarray) -> bool:
+    """Whether a signal consists of straight lines, at least where it moves: it has no noise."""
+    bends = np.abs(np.diff(signal, 2))[moving(signal)[1:-1]]
+    return bool(bends.max(initial=0.0) <= ACCURACY * np.abs(signal).max())
+
+
 def rounding_sdev(signal: np.ndarray) -> float:
-    """Standard deviation of the error of rounding, step / 12^(1/2); 0 for values that are no multiples of a step."""
+    """Standard deviation of the error of rounding, step / 12^(1/2).
+
+    0 for values that are no multiples of a step, and for the even steps of straight lines.
+    """
+    if is_straight(signal):
+        return 0.0
     values = np.unique(signal)
     steps = np.diff(values)
     steps = steps[steps > 1e-9 * np.abs(signal).max()]
