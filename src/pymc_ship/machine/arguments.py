@@ -92,6 +92,15 @@ def real_array(what: str, values: Any, error: type[ValueError] = ValueError) -> 
     return np.array(array, dtype=float, order="C")
 
 
+def probability_array(values: Any, error: type[ValueError] = ValueError) -> np.ndarray:
+    """Probabilities from 0 to 1 as a new array, shape (n,), of one number also; ``error`` for any other."""
+    probabilities = np.atleast_1d(real_array("Probabilities", values, error))
+    wrong = probabilities[~((probabilities >= 0.0) & (probabilities <= 1.0))]
+    if wrong.size:
+        raise error(f"Probabilities must lie from 0 to 1, found {wrong.flat[0]:g}; correct it.")
+    return probabilities
+
+
 def label_array(what: str, values: Any, error: type[ValueError] = ValueError) -> np.ndarray:
     """Values as a new array of texts; ``error`` for masked or missing ones, of which NumPy makes names."""
     _check_unmasked(f"{what} must be labels", values, error)

@@ -10,10 +10,13 @@ from scipy import stats
 from scipy.integrate import quad
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior, rng_state
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.errors import InferenceError
 from tests.inference.regression.cases import vector_prior
 from tests.inference.regression.peers import exact_of, oracle, simulated, z_limit
+from tests.sentences import refused
 
 SHAPES = [(12, 3), (3, 7), (5, 5), (1, 2)]
 """Rows and terms: more rows, more terms, as many, and a single row."""
@@ -171,6 +174,16 @@ class TestDistributions:
         np.testing.assert_allclose(known.cdf(found), [0.01, 0.5, 0.99], rtol=1e-10)
         assert exact.noise_variance_mean == pytest.approx(known.mean(), rel=1e-12)
         assert exact.noise_variance_sd == pytest.approx(known.std(), rel=1e-12)
+
+    @pytest.mark.parametrize("family", [ConjugatePrior, SemiConjugatePrior])
+    def test_quantiles_reach_the_ends_of_the_line_and_no_further(self, family):
+        exact = vector_prior(3, family).exact(simulated(20, 3, seed=12))
+        np.testing.assert_array_equal(exact.quantiles([0.0, 1.0]), np.repeat([[-np.inf], [np.inf]], 3, axis=1))
+        np.testing.assert_array_equal(exact.noise_variance_quantiles([0.0, 1.0]), [0.0, np.inf])
+        for probability in (-0.5, 1.5, np.nan, "half"):
+            for quantiles in (exact.quantiles, exact.noise_variance_quantiles):
+                with refused(InferenceError):
+                    quantiles([0.5, probability])
 
     @pytest.mark.parametrize("density", ["noise_variance_density", "prior_noise_variance_density"])
     def test_densities_integrate_to_one(self, exact, density):

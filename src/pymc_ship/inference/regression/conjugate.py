@@ -23,6 +23,8 @@ from pymc_ship.inference.regression.priors import (
     warn_of_units,
 )
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.arguments import probability_array
+from pymc_ship.machine.errors import InferenceError
 
 _LOG_2PI = math.log(2.0 * math.pi)
 
@@ -135,13 +137,16 @@ class NormalInverseGamma(RotatedPosterior):
         """Marginal quantiles of the coefficients, shape (n, n_terms), at n probabilities."""
         from scipy.special import stdtrit
 
-        return self.mean + stdtrit(self.degrees_of_freedom, np.atleast_1d(probabilities))[:, None] * self.t_scale
+        p = probability_array(probabilities, InferenceError)
+        t = np.where(p == 0.0, -np.inf, stdtrit(self.degrees_of_freedom, p))  # stdtrit has +inf at 0
+        return self.mean + t[:, None] * self.t_scale
 
     def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Quantiles of the noise variance at n probabilities, shape (n,)."""
         from scipy.special import gammainccinv
 
-        return self.scale / gammainccinv(self.shape, np.atleast_1d(probabilities))
+        with np.errstate(divide="ignore"):  # infinite at 1
+            return self.scale / gammainccinv(self.shape, probability_array(probabilities, InferenceError))
 
     def noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
         """Posterior density of the noise variance at the given values, same shape."""

@@ -223,7 +223,7 @@ class ExactPosterior(ABC):
 
     @abstractmethod
     def quantiles(self, probabilities: ArrayLike) -> np.ndarray:
-        """Marginal quantiles of the coefficients, shape (n, n_terms), at n probabilities."""
+        """Marginal quantiles of the coefficients, shape (n, n_terms), at n probabilities from 0 to 1."""
 
     @abstractmethod
     def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:

@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike
 from pymc_ship.inference.regression.priors import Prior, RotatedPosterior, rotate, warn_of_units
 from pymc_ship.inference.regression.quadrature import Kernel, log_kernels, quadrature
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.arguments import probability_array
+from pymc_ship.machine.errors import InferenceError
 
 _LOG_2PI = math.log(2.0 * math.pi)
 
@@ -139,7 +141,7 @@ class NormalMixture(RotatedPosterior):
 
         locations, variances = self._components
         middle, sd = locations @ self.basis, np.sqrt(variances @ self.basis**2)
-        probability = np.atleast_1d(probabilities)[:, None]
+        probability = probability_array(probabilities, InferenceError)[:, None]
         components = middle + ndtri(probability)[:, :, None] * sd
 
         def distribution(value: np.ndarray) -> np.ndarray:
@@ -151,12 +153,13 @@ class NormalMixture(RotatedPosterior):
         """Quantiles of the noise variance at n probabilities, shape (n,), from the sinc interpolant of the density."""
         from scipy.special import sici
 
-        t, probability = self.log_noise_variance, np.atleast_1d(probabilities)
+        t, probability = self.log_noise_variance, probability_array(probabilities, InferenceError)
 
         def distribution(value: np.ndarray) -> np.ndarray:
             return (0.5 + sici(math.pi * (value[:, None] - t) / (t[1] - t[0]))[0] / math.pi) @ self.weights
 
-        return np.exp(_bisect(distribution, probability, t[0], t[-1]))
+        inside = np.exp(_bisect(distribution, probability, t[0], t[-1]))
+        return np.where(probability == 0.0, 0.0, np.where(probability == 1.0, np.inf, inside))
 
     def noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
         """Posterior density of the noise variance at the given values, same shape."""
