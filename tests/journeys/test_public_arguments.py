@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -209,3 +210,79 @@ def test_what_is_no_prior_of_a_regression_is_refused_with_a_sentence(name, bad, 
 def test_a_prior_of_a_regression_is_refused_by_a_trajectory_fit(name, trial):
     with refused(ps.InferenceError, "CoefficientPrior"):
         called(name, prior=ps.ConjugatePrior(), trials=ps.pollute(trial, level=0.01, rng=1), vessel="kvlcc2", rng=1)
+
+
+# data, posteriors and tables ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [np.ones((9, 2)), pd.DataFrame({"v": [1.0, 2.0]}), None])
+@pytest.mark.parametrize("name", [name for name in taking("data") if name not in ("horseshoe", "r2d2")])
+def test_what_is_no_regression_data_is_refused_with_a_sentence(name, bad, data):
+    prior = ps.SemiConjugatePrior()
+    given = {"data": data, "prior": prior, "tree": ps.exact_posterior(data, prior, draws=40, rng=1), "rng": 1}
+    bad = "table" if bad is None and FUNCTIONS[name].parameters["data"].default is None else bad
+    with refused(ps.InferenceError, "RegressionData"):
+        called(name, **given | {"data": bad})
+
+
+def test_priors_and_pooled_draws_need_regression_data_too(data):
+    for use in (
+        lambda: ps.ConjugatePrior().exact(data.design_matrix),
+        lambda: ps.SemiConjugatePrior().exact(data.design_matrix),
+        lambda: ps.pooled_coefficients([data.design_matrix, data], ps.ConjugatePrior(), rng=1),
+    ):
+        with refused(ps.InferenceError, "RegressionData"):
+            use()
+    with refused(ps.InferenceError, "ConjugatePrior"):
+        ps.pooled_coefficients([data, data], None, rng=1)
+    assert ps.pooled_coefficients((one for one in (data, data)), ps.ConjugatePrior(), rng=1).sizes["coefficient"] == 2
+
+
+@pytest.mark.parametrize("group", ["posterior", "log_prior"])
+def test_a_group_or_a_tree_without_posterior_is_refused_with_a_sentence(group, data):
+    prior = ps.ConjugatePrior()
+    tree = ps.exact_posterior(data, prior, draws=40, rng=1)
+    for part in (tree[group], tree[group].to_dataset(), None):
+        for use in (
+            lambda part=part: ps.predict(part, [[1.0, 2.0]], rng=1),
+            lambda part=part: ps.restore_fixed(part, {"x3": 1.0}),
+            lambda part=part: ps.with_predictive(part, data, prior, rng=1),
+        ):
+            with refused(ps.InferenceError, "whole"):
+                use()
+    with refused(ps.InferenceError, "real"):
+        ps.predict(tree, xr.Dataset({"x1": ("row", [1.0]), "x2": ("row", [1.0])}), rng=1)
+    with refused(ps.InferenceError, "DataTree"):
+        ps.posterior_tree({"posterior": 1}, data)
+
+
+def test_values_by_name_are_a_mapping(data):
+    tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
+    for use in (
+        lambda: ps.hold_fixed(data, ["x1"]),
+        lambda: ps.restore_fixed(tree, ["x3"]),
+        lambda: ps.informed_prior(data, ps.SemiConjugatePrior(), pd.DataFrame({"x1": [1.0, 2.0]})),
+    ):
+        with refused(ps.InferenceError, "Mapping", "dict"):
+            use()
+
+
+def test_other_kinds_are_named(tmp_path, trial, data):
+    for error, word, use in (
+        (ps.InferenceError, "CoefficientPrior", lambda: ps.identifiability([trial], "kvlcc2", prior="order_damped")),
+        (ps.TrialError, "noise_sd", lambda: ps.trajectory_posterior([trial], "kvlcc2", noise_sd=0.1, rng=1)),
+        (ps.TrialError, "Dataset", lambda: ps.fit_captive(None, "kvlcc2", ps.coefficient_prior([], "kvlcc2"))),
+        (ps.VesselError, "DataArray", lambda: ps.rescale(np.ones(3), "kvlcc2", "mmg")),
+        (ps.VesselError, "None", lambda: ps.load_vessel(None)),
+        (ValueError, "posterior", lambda: ps.diagnostic_report([1], tmp_path / "x")),
+        (ValueError, "posterior", lambda: ps.agreement(ps.ConjugatePrior().exact(data), {"nuts": None})),
+    ):
+        with refused(error, word):
+            use()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_coefficients_are_rescaled_by_their_own_vessel():
+    prime = ps.load_vessel("kvlcc2").coefficients("yaw")
+    with refused(ps.VesselError, "container", "kvlcc2"):
+        ps.rescale(prime, "container", "bis")

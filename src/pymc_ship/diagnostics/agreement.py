@@ -18,6 +18,7 @@ from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.inference.sampling.error_laws import errors_of
+from pymc_ship.machine.arguments import short_repr
 
 PROBABILITIES = (0.05, 0.5, 0.95)  # probabilities of the quantiles compared
 _SAMPLE = ("chain", "draw")
@@ -80,9 +81,16 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     return _with_verdict(xr.merge([exact_values, table]))
 
 
+def check_trees(what: str, trees: Mapping[str, xr.DataTree]) -> None:
+    """Raise ValueError for anything else than a mapping of one posterior or more."""
+    by_name = isinstance(trees, Mapping) and not isinstance(trees, xr.DataTree)
+    if not by_name or not trees or not all(isinstance(tree, xr.DataTree) for tree in trees.values()):
+        found = "none" if by_name and not trees else short_repr(trees)
+        raise ValueError(f"{what} needs at least one posterior, found {found}; give trees by name.")
+
+
 def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> list[str]:
-    if not posteriors:
-        raise ValueError("An agreement needs at least one posterior, found none; give draws by the name of the method.")
+    check_trees("An agreement", posteriors)
     names_by_method = {
         method: list(tree["posterior"].dataset["coefficient"].values) for method, tree in posteriors.items()
     }

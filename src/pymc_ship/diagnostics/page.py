@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics import posterior_statistics as statistics
-from pymc_ship.diagnostics.agreement import Comparison, comparisons
+from pymc_ship.diagnostics.agreement import Comparison, check_trees, comparisons
 from pymc_ship.diagnostics.posterior_statistics import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.regression_subsections import REGRESSION
 from pymc_ship.diagnostics.subsections import PosteriorKind, determination_counts
@@ -146,8 +146,7 @@ def _overview(compared: Sequence[Comparison]) -> Table:
 
 def check_posteriors(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None:
     """Raise a ValueError when there is no tree, one is no posterior, or one is of another vessel."""
-    if not trees:
-        raise ValueError("A diagnostic report needs at least one posterior, found none; give trees by name.")
+    check_trees("A diagnostic report", trees)
     for name, tree in trees.items():
         posterior_kind(tree).check(tree, name)
         if vessel is None:

@@ -19,12 +19,19 @@ _MISSING = ("NoneType", "NAType", "NaTType", "MaskedConstant")  # of Python, pan
 
 
 def short_repr(value: object) -> str:
-    """``repr`` of a value, at most 100 characters."""
+    """``repr`` of a value in one line of at most 100 characters."""
     try:
         text = _SHORT.repr(value)
     except ValueError:
         return "a number of thousands of digits"
+    text = " ".join(line.strip() for line in text.splitlines())
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]} ..."
+
+
+def check_kind(what: str, value: object, kind: type, remedy: str, error: type[ValueError] = ValueError) -> None:
+    """Raise ``error``, with ``what`` as the subject of its sentence, unless a value is of a kind."""
+    if not isinstance(value, kind):
+        raise error(f"{what} must be a {kind.__name__}, found {short_repr(type(value))}; {remedy}.")
 
 
 def check_choice(what: str, value: object, choices: Iterable[str], error: type[ValueError] = ValueError) -> None:

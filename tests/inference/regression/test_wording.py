@@ -365,7 +365,7 @@ test_errors_of_rows = wording(
             ({"Yv|v|": np.inf}, None, "The value given for Yv|v| must be a finite number, found inf"),
             (HELD, NAMES[:4], "found a mismatch in Ydelta"),
             (HELD, (*NAMES, "Yx"), "found a mismatch in Yx"),
-            (HELD, (*NAMES, "Yv"), "found a mismatch in Yv; correct"),
+            (HELD, (*NAMES, "Yv"), "must differ, found Yv more than once; rename"),
         ]
     ),
     *(

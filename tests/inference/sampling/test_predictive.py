@@ -164,6 +164,11 @@ def test_predictions_need_the_rows_of_the_fit():
         ):
             with refused(ValueError, part):
                 use()
+    for other in (replace(prior, kappa=2.0 * prior.kappa), replace(prior, mean=prior.mean + 1.0)):
+        with refused(ValueError, "kappa" if np.all(other.mean == prior.mean) else "mean"):
+            with_predictive(tree, data, other, rng=1)
+    with refused(ValueError, "family"):
+        with_predictive(tree, data, SemiConjugatePrior(**hyperparameters()), rng=1)
     rounded = replace(data, response=data.response * (1.0 + 1e-15))
     assert with_predictive(tree, rounded, prior, rng=1).identical(with_predictive(tree, data, prior, rng=1))
 

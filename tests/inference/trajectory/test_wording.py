@@ -99,7 +99,7 @@ test_trial_errors = wording(
         (message, lambda ship, zigzag, settings=settings: trajectory_run(zigzag, ship, **settings))
         for settings, message in [
             ({"channels": ["u", "w"]}, "found w with rk4"),
-            ({"channels": ["u", "u"]}, "each once, with euler or rk4, found u, u"),
+            ({"channels": ["u", "u"]}, "The channels must differ, found u more than once"),
             ({"channels": []}, "found no channel with rk4"),
             ({"method": "heun"}, "with heun; correct them"),
             ({"noise_sd": {"delta": 0.1}}, "found delta with rk4"),

@@ -104,7 +104,7 @@ def test_a_forecast_is_judged_by_the_limits_of_its_own_vessel(container):
     tree.attrs["vessel"] = "kvlcc2"
     with refused(ps.VesselError, "container", "kvlcc2"):
         ps.imo_probabilities(tree, container)
-    with refused(ps.SimulationError, "None"):
+    with refused(ps.SimulationError, "NoneType"):
         ps.imo_probabilities(None, container)
 
 

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 from pymc_ship.inference.captive.table import FORCE_DOFS, FORCES
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood
 from pymc_ship.inference.trajectory.sequential_likelihood import commensurate_likelihood
+from pymc_ship.machine.arguments import check_kind
 from pymc_ship.machine.errors import InferenceError, TrialError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
@@ -102,6 +103,8 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     f_alpha 2.55 ± 0.64 beforehand, 2.28 ± 0.50 now
     """
     vessel = as_vessel(vessel)
+    check_kind("Captive tests", tests, xr.Dataset, "read them by read_captive", TrialError)
+    check_kind("The prior", prior, CoefficientPrior, "make one by coefficient_prior", InferenceError)
     names = list(coefficient_names(vessel))
     if prior.scale.size != len(names) or not np.isfinite(prior.scale).all():
         raise InferenceError(

@@ -14,7 +14,8 @@ import xarray as xr
 from pymc_ship.inference.trajectory.fit import Noise, run_rows, white_noise
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
-from pymc_ship.machine.errors import FitError
+from pymc_ship.machine.arguments import check_kind
+from pymc_ship.machine.errors import FitError, InferenceError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
@@ -60,8 +61,9 @@ def identifiability(
 
     Raises
     ------
-    FitError, TrialError
-        If a simulation diverges; for no run, wrong numbers of noises, states or coefficients, or unusable trials.
+    FitError, TrialError, InferenceError
+        If a simulation diverges; for no run, wrong numbers of noises, states or coefficients, unusable trials, or a
+        prior that is no CoefficientPrior.
 
     References
     ----------
@@ -80,6 +82,8 @@ def identifiability(
     Nrrr: 1328 %
     """
     vessel = as_vessel(vessel)
+    if prior is not None:
+        check_kind("The prior", prior, CoefficientPrior, "make one by coefficient_prior", InferenceError)
     root = runs_root(runs, vessel, coefficients, noise_sd, noise, initial_states)
     reference, flat = reference_coefficients(vessel), np.full(root.shape[1], np.inf)
     prior_sd = flat if prior is None else prior.scale

@@ -58,7 +58,7 @@ def simulation_based_calibration(
     """
     check_counts(simulations=simulations, draws=draws)
     rng = random_generator(rng)
-    check_prior(prior)
+    check_prior(prior, data)
     ranks = np.empty((simulations, data.n_terms + 2), dtype=int)
     for k in range(simulations):
         truth, simulated = simulated_from_prior(data, prior, rng)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from pymc_ship.inference.regression.priors import (
     Prior,
     RotatedPosterior,
+    check_data,
     log_inverse_gamma,
     rotate,
     warn_of_units,
@@ -57,6 +58,7 @@ class ConjugatePrior(Prior):
 
     def exact(self, data: RegressionData) -> NormalInverseGamma:
         """Exact posterior, Eq. 12-17 of Xue et al. (2020)."""
+        check_data(data)
         warn_of_units(data, self)
         rotation, unit = rotate(data, self), data.response_scale
         s, z = rotation.singular_values, unit * rotation.projection

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.inference.regression.priors import Prior, rescaled_prior
+from pymc_ship.inference.regression.priors import Prior, check_data, rescaled_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import check_choice, short_repr
 from pymc_ship.machine.errors import InferenceError
@@ -72,6 +72,7 @@ def cross_validation(
     of the rows held out reaches the fit. InferenceError also if a response does not vary over training rows, or
     depends on all rows by its formula.
     """
+    check_data(data)
     if data.formula is not None and data.formula.pools_response:
         raise InferenceError(
             "Rows held out must not reach a fit, found a response that depends on all rows in "

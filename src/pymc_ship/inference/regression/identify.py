@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.families import prior_family
-from pymc_ship.inference.regression.priors import ExactPosterior, Prior, rescaled_prior
+from pymc_ship.inference.regression.priors import ExactPosterior, Prior, check_prior, rescaled_prior
 from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.regression.tune import TunedPrior, maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
@@ -172,10 +172,13 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     Raises
     ------
     InferenceError
-        For fewer than two draws, or rows of different coefficients.
+        For fewer than two draws, rows of different coefficients, or no prior.
     """
     check_counts(InferenceError, draws=draws)
-    rng, names = random_generator(rng), {data.coefficients for data in rows}
+    rng, rows = random_generator(rng), list(rows)
+    for data in rows:
+        check_prior(prior, data)
+    names = {data.coefficients for data in rows}
     if len(rows) < 2 or len(names) > 1:
         raise InferenceError(
             f"Pooling needs two or more draws of one regression, found {len(rows)} with {len(names)} sets of "

@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import Prior, check_prior
+from pymc_ship.inference.regression.priors import Prior, check_data, check_prior
+from pymc_ship.inference.regression.tree import group_of
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.machine.arguments import finite_number
+from pymc_ship.machine.arguments import check_kind, finite_number, name_list
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.physics.forces.terms import UnknownTerm, order
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+
+_BY_NAME = "give a dict by name of coefficient"
 
 
 def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple[float, float]]) -> Prior:
@@ -42,7 +45,8 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
         For unknown names, values that are not finite, an sd that is not positive, the constant of centred columns, or
         a conjugate prior whose noise variance has no mean (shape <= 1).
     """
-    check_prior(prior)
+    check_prior(prior, data)
+    check_kind("The table of a prior", table, Mapping, _BY_NAME, InferenceError)
     _check_names(table, data.coefficients)
     mean, kappa = prior.means(data.n_terms).copy(), prior.kappas(data.n_terms).copy()
     unit = prior.variance_factor(prior.noise_variance_mean)
@@ -83,6 +87,8 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
     InferenceError
         For unknown names, values that are not finite, or when no coefficient is left.
     """
+    check_data(data)
+    check_kind("The fixed values", values, Mapping, _BY_NAME, InferenceError)
     _check_names(values, data.coefficients)
     fixed = {name: _number(name, value) for name, value in values.items()}
     free = np.array([name not in fixed for name in data.coefficients])
@@ -127,15 +133,16 @@ def restore_fixed(
     InferenceError
         For values that are not finite, coefficients that the posterior has already, or an incomplete order.
     """
-    posterior = tree["posterior"].to_dataset()
+    posterior = group_of(tree)
+    check_kind("The fixed values", values, Mapping, _BY_NAME, InferenceError)
     free = [str(name) for name in posterior["coefficient"].values]
     fixed = {name: _number(name, value) for name, value in values.items()}
     twice = [name for name in fixed if name in free]
     if twice:
         raise InferenceError(f"A fixed coefficient is not drawn, found draws of {', '.join(twice)}; leave it out.")
-    ordered = [*free, *fixed] if coefficients is None else [str(name) for name in coefficients]
+    ordered = name_list("The coefficients", [*free, *fixed] if coefficients is None else coefficients, InferenceError)
     if sorted(ordered) != sorted([*free, *fixed]):
-        odd = sorted({*ordered} ^ {*free, *fixed}) or sorted({name for name in ordered if ordered.count(name) > 1})
+        odd = sorted({*ordered} ^ {*free, *fixed})
         raise InferenceError(
             f"The order names each free and fixed coefficient once, found a mismatch in {', '.join(odd)}; correct it."
         )
@@ -165,7 +172,7 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
     InferenceError
         For damping outside (0, 1] or names that are not a letter and a term.
     """
-    check_prior(prior)
+    check_prior(prior, data)
     factor = _number("damping", damping)
     if not 0.0 < factor <= 1.0:
         raise InferenceError(f"The damping lies in (0, 1], found {damping}; 1 leaves the prior as it is.")
@@ -217,10 +224,11 @@ def sister_ship_table(
         raise InferenceError(
             f"relative_sd and floor must not be negative, found {relative_sd} and {floor}; raise them."
         )
-    _check_names(names or (), reference["coefficient"].values.tolist())
+    names = reference["coefficient"].values.tolist() if names is None else name_list("The names", names, InferenceError)
+    _check_names(names, reference["coefficient"].values.tolist())
     sd = np.hypot(relative * values, least)
     triples = zip(reference["coefficient"].values.tolist(), values.tolist(), sd.tolist(), strict=True)
-    table = {name: (mean, spread) for name, mean, spread in triples if names is None or name in names}
+    table = {name: (mean, spread) for name, mean, spread in triples if name in names}
     certain = [name for name, (_, spread) in table.items() if spread == 0.0]
     if certain:
         raise InferenceError(f"An sd must be positive, found 0 for {', '.join(certain)}; give a floor above 0.")

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from pymc_ship.inference.rows.data import FEWEST_ROWS, UNEVEN, RegressionData
 from pymc_ship.inference.rows.frames import Formula, check_same_rows, new_design, row_labels
-from pymc_ship.machine.arguments import real_array, short_repr
+from pymc_ship.machine.arguments import check_kind, real_array, short_repr
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -319,8 +319,15 @@ def log_inverse_gamma(value: np.ndarray, shape: float, scale: float) -> np.ndarr
     return constant - (shape + 1.0) * np.log(value) - scale / value
 
 
-def check_prior(prior: object, *, own: str = "") -> None:
-    """Raise InferenceError unless the prior is a :class:`Prior`; ``own`` names in the message what else is accepted."""
+def check_data(data: object) -> None:
+    """Raise InferenceError for anything else than :class:`RegressionData`, such as a table."""
+    remedy = "make it by regression_data or RegressionData.from_arrays"
+    check_kind("The data of a regression", data, RegressionData, remedy, InferenceError)
+
+
+def check_prior(prior: object, data: object, *, own: str = "") -> None:
+    """As :func:`check_data`, and unless the prior is a :class:`Prior`; ``own`` names what else is accepted."""
+    check_data(data)
     if not isinstance(prior, Prior):
         raise InferenceError(
             f"The prior of a regression is a Prior such as ConjugatePrior(kappa=100.0){own}, found "
@@ -360,8 +367,9 @@ def _numbers(name: str, value: object) -> np.ndarray:
             raise TypeError
         numbers = real_array(name, value)
     except (TypeError, ValueError, OverflowError):
-        found = " ".join(short_repr(value).split())
-        raise InferenceError(f"The prior's {name} must be finite, found {found}; give a plain number.") from None
+        raise InferenceError(
+            f"The prior's {name} must be finite, found {short_repr(value)}; give a plain number."
+        ) from None
     labels = row_labels(value)
     if labels is not None and not np.array_equal(labels, np.arange(len(labels))):
         raise InferenceError(

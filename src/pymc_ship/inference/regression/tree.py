@@ -13,8 +13,9 @@ import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.machine.arguments import check_counts, short_repr
+from pymc_ship.machine.arguments import check_counts, check_kind, short_repr
 from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_valid_checksum
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.files import settle, staged_path
 from pymc_ship.machine.seeds import Seed, random_generator
 
@@ -115,11 +116,19 @@ def exact_posterior(
     if draws % chains:
         raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
     rng = random_generator(rng)
-    check_prior(prior)
+    check_prior(prior, data)
     exact, state = prior.exact(data), rng_state(rng)
     coefficients, noise_variance = exact.draw(draws, rng)
     coefficients, noise_variance = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
     return draws_tree(data, prior, coefficients, noise_variance, method=prior.family, rng_state=state)
+
+
+def group_of(tree: xr.DataTree, name: str = "posterior") -> xr.Dataset:
+    """Group of a posterior; InferenceError for anything else than a DataTree that has it, such as the group alone."""
+    check_kind("A posterior", tree, xr.DataTree, "give the whole tree", InferenceError)
+    if name not in tree.children:
+        raise InferenceError(f"A posterior must have the group {name}, found none; give the whole tree.")
+    return tree[name].to_dataset()
 
 
 def _log_likelihood(data: RegressionData, coefficients: np.ndarray, noise_variance: np.ndarray) -> np.ndarray:
@@ -175,6 +184,7 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     path = Path(path)
     if path.suffix not in FILES:
         raise ValueError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
+    check_kind("A posterior", tree, xr.DataTree, "give the whole tree")
     _check_contents(tree)
     with staged_path(path) as partial:
         try:

@@ -13,7 +13,7 @@ import numpy as np
 
 from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import prior_family
-from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.regression.priors import Prior, check_data
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -185,6 +185,7 @@ def maximise_evidence(
     >>> print(f"{log_evidence:.0f} > {ps.ConjugatePrior().exact(data).log_evidence:.0f}")
     625 > 515
     """
+    check_data(data)
     prior_type = prior_family(family)
     prior, log_evidence = _evidence_maximum(data, prior_type, _log_bounds(prior_type, box))
     _warn_of_search(prior, box, data)

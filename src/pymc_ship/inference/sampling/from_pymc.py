@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import Prior, check_prior
+from pymc_ship.inference.regression.priors import Prior, check_data, check_prior
 from pymc_ship.inference.regression.tree import data_groups, rng_state, tree_attrs
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import OWN, law_of_draws
 from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, is_equal
+from pymc_ship.machine.arguments import check_kind
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
 if TYPE_CHECKING:
@@ -64,8 +66,10 @@ def posterior_tree(
         several observed variables, or a model without ``rng``.
     """
     rng = None if rng is None else random_generator(rng)
+    check_data(data)
     if prior is not None:
-        check_prior(prior)
+        check_prior(prior, data)
+    check_kind("The draws", sampled, xr.DataTree, "give what pm.sample returns", InferenceError)
     groups = {name: node.to_dataset() for name, node in sampled.children.items() if name in _COPIED_GROUPS}
     groups["posterior"] = _posterior(groups.get("posterior", xr.Dataset()), data)
     labels = _row_labels(sampled, data)

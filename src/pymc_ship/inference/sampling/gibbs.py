@@ -52,7 +52,7 @@ def gibbs(
     check_counts(draws=draws, chains=chains)
     check_counts(least=0, tune=tune)
     rng = random_generator(rng)
-    check_prior(prior)
+    check_prior(prior, data)
     if prior.noise_power not in (0, 1):
         raise InferenceError(
             "The Gibbs sampler needs coefficients whose prior variance is proportional to the noise variance or "

@@ -54,7 +54,7 @@ def hierarchical_model(
         groups), ``group_coefficients`` (group, coefficient), ``group_sd`` (coefficient) and ``group_noise_variance``
         (group); observed ``response`` (row).
     """
-    check_prior(prior)
+    check_prior(prior, data)
     if prior.noise_power != 0:
         raise InferenceError(
             f"The groups of a hierarchical model have noise variances of their own, which a {prior.family} prior of "

@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.prior_table import hold_fixed
-from pymc_ship.inference.regression.priors import Prior, check_prior
+from pymc_ship.inference.regression.priors import Prior, check_data, check_prior
+from pymc_ship.inference.regression.tree import group_of
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import new_design
-from pymc_ship.inference.sampling.error_laws import draw_errors, error_law, known_errors_of, log_likelihood_group
+from pymc_ship.inference.sampling.error_laws import OWN, draw_errors, error_law, known_errors_of, log_likelihood_group
 from pymc_ship.machine.arguments import check_counts
 from pymc_ship.machine.seeds import Seed, random_generator
 
@@ -92,10 +93,8 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     >>> print(f"{np.mean((lower < new.response) & (new.response < upper)):.2f}")
     1.00
     """
-    rng, posterior = (
-        random_generator(rng),
-        tree["posterior"].to_dataset().transpose("chain", "draw", ..., missing_dims="ignore"),
-    )
+    rng = random_generator(rng)
+    posterior = group_of(tree).transpose("chain", "draw", ..., missing_dims="ignore")
     dims = posterior["coefficients"].dims if "coefficients" in posterior else ()
     if dims != ("chain", "draw", "coefficient") or "noise_variance" not in posterior:
         raise ValueError(
@@ -140,13 +139,14 @@ def with_predictive(
     Raises
     ------
     ValueError
-        When draws is not positive, the data are not those of the tree, or its errors follow no law of the package.
+        When draws is not positive, data or prior are not those of the tree, or its errors follow no law of the package.
     """
     check_counts(draws=draws)
     rng = random_generator(rng)
-    check_prior(prior)
+    check_prior(prior, data)
     data = _check_fitted(tree, data)
-    whole = tree["posterior"].to_dataset()
+    _check_prior_of(tree, prior)
+    whole = group_of(tree)
     posterior = whole.sel(coefficient=list(data.coefficients))
     errors = known_errors_of(tree)
     from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)
@@ -166,7 +166,8 @@ def with_predictive(
 
 def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:
     """Data without the fixed coefficients; ValueError unless a posterior is theirs: names, response and design."""
-    names = [str(name) for name in tree["posterior"]["coefficient"].to_numpy()]
+    check_data(data)
+    names = [str(name) for name in group_of(tree)["coefficient"].to_numpy()]
     if list(data.coefficients) != names:
         raise ValueError(
             f"The data must be those of the posterior, of {', '.join(names)}, found {', '.join(data.coefficients)}; "
@@ -186,6 +187,16 @@ def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:
             f"The data must be those of the posterior, found {fault} in its tree; give the data that it was fitted to."
         )
     return free
+
+
+def _check_prior_of(tree: xr.DataTree, prior: Prior) -> None:
+    """Raise ValueError for another prior than that in the attrs of a posterior; one of the user's own is not known."""
+    stored, given = json.loads(tree.attrs.get("prior", "{}")), prior.hyperparameters()
+    others = [name for name, value in stored.items() if given.get(name) != value]
+    if others and stored["family"] != OWN:
+        raise ValueError(
+            f"The prior must be that of the posterior, found another {', '.join(others)}; give the prior of the fit."
+        )
 
 
 def is_equal(values: np.ndarray, others: np.ndarray) -> bool:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeIs
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import Prior, check_prior, warn_of_units
+from pymc_ship.inference.regression.priors import Prior, check_data, check_prior, warn_of_units
 from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, run_parts, with_errors
@@ -86,7 +86,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
 
     from pymc_ship.inference.sampling.whitened_model import coefficients_from_fit, linear_coordinates
 
-    if not _is_own(prior):
+    if not _is_own(prior, data):
         warn_of_units(data, prior)
     if not callable(errors):
         error_law(errors, data)
@@ -197,7 +197,7 @@ def nuts_posterior(
     state, seed = rng_state(rng), int(rng.integers(2**31))
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept, "cores": cores}
     check_settings(settings)
-    if _is_own(prior) or callable(errors):
+    if _is_own(prior, data) or callable(errors):
         model = pymc_model(data, prior, errors)
         sampled = sample_model(model, settings, seed, progress, sampler)
         return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
@@ -250,11 +250,12 @@ def check_settings(settings: dict) -> None:
     check_probabilities(target_accept=settings.get("target_accept", 0.8))
 
 
-def _is_own(prior: Prior | Callable) -> TypeIs[Callable]:
-    """Whether a prior is a function; InferenceError if neither prior nor function."""
+def _is_own(prior: Prior | Callable, data: RegressionData) -> TypeIs[Callable]:
+    """Whether a prior is a function; InferenceError if neither prior nor function, and for other data."""
+    check_data(data)
     own = callable(prior) and not isinstance(prior, type)
     if not own:
-        check_prior(prior, own=" or a function prior(data, given)")
+        check_prior(prior, data, own=" or a function prior(data, given)")
     return own
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import check_kind, name_list, number_or_nan
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.forces.surroundings import CURRENT, WIND
 from pymc_ship.physics.motion.equations import STATE
@@ -107,12 +108,15 @@ def trajectory_run(
     a channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
     """
     trial = as_trial(trial)
-    names = tuple(channels) if channels is not None else tuple(name for name in default_channels() if name in trial)
+    noise_sd = {} if noise_sd is None else noise_sd
+    check_kind("noise_sd", noise_sd, Mapping, "give a dict by channel", TrialError)
+    given = [name for name in default_channels() if name in trial] if channels is None else channels
+    names = name_list("The channels", given, TrialError)
     if "roll" not in vessel.dofs:
         rolling = channel_names(lambda channel: channel.rolling)
         names = tuple(name for name in names if name not in rolling)
-    unknown = [name for name in (*names, *(noise_sd or {})) if name not in STATE]
-    if unknown or not names or len(set(names)) < len(names) or method not in METHODS:
+    unknown = [name for name in (*names, *noise_sd) if name not in STATE]
+    if unknown or not names or method not in METHODS:
         raise TrialError(
             f"A trajectory is fitted to some of {', '.join(STATE)}, each once, with {' or '.join(METHODS)}, found "
             f"{', '.join(unknown or names) or 'no channel'} with {method}; correct them."
@@ -135,7 +139,7 @@ def trajectory_run(
         block=block,
         method=method,
         substeps=int(np.ceil(FEWEST_STEPS[method] * interval / vessel.particulars.ship_time - 1e-9)),
-        sample_sd=_sample_sd(names, samples, noise_sd or {}),
+        sample_sd=_sample_sd(names, samples, noise_sd),
         nominal_speed=vessel.particulars.nominal_speed,
         rolls="roll" in vessel.dofs,
         heads=bool({WIND.name, CURRENT.name} & set(vessel.parts)),
@@ -145,7 +149,7 @@ def trajectory_run(
 def _sample_sd(channels: tuple[str, ...], samples: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
     sd = second_difference_sd(samples)
     for row, name in enumerate(channels):
-        sd[row] = given.get(name, sd[row])
+        sd[row] = number_or_nan(given.get(name, sd[row]))
         if not 0.0 < sd[row] < np.inf:
             raise TrialError(
                 f"The noise of channel {name} needs a positive standard deviation, found {sd[row]:g}; give it in "

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.arguments import check_kind
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -43,10 +43,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
         For anything but a forecast; for another vessel than that of the forecast.
     """
     vessel = as_vessel(vessel)
-    if not isinstance(tree, xr.DataTree):
-        raise SimulationError(
-            f"Criteria are judged by a forecast, found {short_repr(tree)}; give a DataTree of ps.forecast."
-        )
+    check_kind("A forecast", tree, xr.DataTree, "make it by ps.forecast", SimulationError)
     check_same_vessel("The forecast", tree.attrs, vessel)
     if "indices" not in tree.children:
         return []

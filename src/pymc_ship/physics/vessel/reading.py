@@ -61,6 +61,7 @@ def load_vessel(source: str | Path) -> Vessel:
     >>> vessel.dofs, vessel.particulars.L
     (('surge', 'sway', 'yaw'), 320.0)
     """
+    _check_source(source)
     path = Path(source)
     if path.suffix != ".toml":
         if str(source) not in shipped_vessels():
@@ -71,13 +72,16 @@ def load_vessel(source: str | Path) -> Vessel:
     return _vessel(toml_file(path, "The vessel file", VesselError))
 
 
-def as_vessel(vessel: object) -> Vessel:
+def _check_source(source: object) -> None:
+    if not isinstance(source, str | Path):
+        kinds = f"a Vessel, the name of a shipped one ({', '.join(shipped_vessels())}) or the path of a .toml file"
+        raise VesselError(f"A vessel is {kinds}, found {short_repr(source)}; give one of these.")
+
+
+def as_vessel(vessel: VesselLike) -> Vessel:
     """Vessel of a :data:`VesselLike`; a Vessel is returned unchanged. VesselError as :func:`load_vessel`."""
     if isinstance(vessel, Vessel):
         return vessel
-    if not isinstance(vessel, str | Path):
-        kinds = f"a Vessel, the name of a shipped one ({', '.join(shipped_vessels())}) or the path of a .toml file"
-        raise VesselError(f"A vessel is {kinds}, found {short_repr(vessel)}; give one of these.")
     return load_vessel(vessel)
 
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, check_kind
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.prime_system import GRAVITY
 from pymc_ship.physics.forces.terms import ROW_ABSOLUTE, ROW_DELTA, ROW_RUDDER, ROW_SYMBOL, SYMBOLS, factors
 from pymc_ship.physics.vessel.reading import as_vessel
-from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.physics.vessel.vessel import Vessel, check_same_vessel
 
 SYSTEMS = ("bis", "mmg")
 
@@ -39,7 +39,8 @@ def rescale(coefficients: xr.DataArray, vessel: Any, system: str) -> xr.DataArra
     Raises
     ------
     VesselError
-        For an unknown system, names that are no coefficients of terms, or a vessel without a draught (``"mmg"``).
+        For an unknown system, another vessel, names that are no coefficients of terms, or a vessel without a draught
+        (``"mmg"``).
 
     References
     ----------
@@ -56,6 +57,8 @@ def rescale(coefficients: xr.DataArray, vessel: Any, system: str) -> xr.DataArra
     """
     vessel = as_vessel(vessel)
     check_choice("A system of coefficients", system, SYSTEMS, VesselError)
+    check_kind("The coefficients", coefficients, xr.DataArray, "take them from a vessel or posterior", VesselError)
+    check_same_vessel("The coefficients", coefficients.attrs, vessel)
     if "coefficient" not in coefficients.coords:
         raise VesselError("Coefficients to rescale have the coordinate 'coefficient', found none; give their names.")
     terms = {c.name: c.term for force in vessel.forces.values() for c in force}
