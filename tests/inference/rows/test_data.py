@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import pymc_ship as ps
+from tests.sentences import refused
 
 DOFS = ("surge", "sway", "yaw", "roll")
 N_TERMS = {"surge": 18, "sway": 28, "yaw": 28, "roll": 28}
@@ -115,12 +118,39 @@ class TestRows:
             np.testing.assert_allclose(least_squares(data), reference, rtol=1e-6, atol=1e-9)
 
 
+def pickled(data):
+    return pickle.loads(pickle.dumps(data))
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, pickled])
+def test_a_copy_is_the_data_and_another_object(again):
+    X, y = np.random.default_rng(1).normal(size=(9, 2)), np.arange(9.0)
+    data = ps.RegressionData.from_arrays(X, y)
+    expected = ps.ConjugatePrior().exact(data)
+    found = ps.ConjugatePrior().exact(again(data))
+    np.testing.assert_array_equal(found.mean, expected.mean)
+    assert (data != again(data), data == data, len({data, again(data)})) == (True, True, 2)
+    assert (expected == found, expected == expected) == (False, True)
+
+
+@pytest.mark.parametrize(
+    "index", [3, [1000], [-10], [[0, 1], [2, 3]], np.ones(3, dtype=bool), np.ones((9, 1), dtype=bool)]
+)
+def test_rows_are_those_of_the_data(index):
+    X, y = np.random.default_rng(1).normal(size=(9, 2)), np.arange(9.0)
+    data = ps.RegressionData.from_arrays(X, y)
+    with refused(ps.InferenceError, 8, 9):
+        data.rows(index)
+    assert data.rows([-1, 0]).response.tolist() == [8.0, 0.0]
+
+
 @pytest.mark.parametrize("name", ["design_matrix", "response", "column_center", "column_scale", "time", "run"])
 def test_arrays_are_read_only(name):
     """Decompositions are kept; the caller's arrays stay as they are."""
     X, y = np.random.default_rng(1).normal(size=(9, 2)), np.arange(9.0)
     data = ps.RegressionData.from_arrays(X, y)
-    for one in (data, data.rows(np.arange(4)), replace(data, response=y)):
+    assert data.projection is data.projection
+    for one in (data, data.rows(np.arange(4)), replace(data, response=y), copy.deepcopy(data), pickled(data)):
         assert not getattr(one, name).flags.writeable
     assert X.flags.writeable
     assert y.flags.writeable

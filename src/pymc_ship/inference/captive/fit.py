@@ -30,7 +30,7 @@ _SAME_SPEED = 0.05  # width of the groups of tests in the logarithm of the speed
 _REVOLUTIONS = 0.1  # sd of the nominal revolutions on a carriage over those of the vessel
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CaptiveFit:
     """Coefficients fitted to captive tests and their prior.
 

@@ -83,7 +83,7 @@ class ConjugatePrior(Prior):
         )
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NormalInverseGamma(RotatedPosterior):
     """Exact posterior under a conjugate prior: coefficients = center + g basis on the original scale.
 

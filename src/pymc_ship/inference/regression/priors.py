@@ -236,7 +236,7 @@ class ExactPosterior(ABC):
         """Log density of new rows given the data: joint, or of each row if ``pointwise``."""
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class RotatedPosterior(ExactPosterior):
     """Exact posterior of coefficients = center + g basis, where g given the noise variance has independent components.
 

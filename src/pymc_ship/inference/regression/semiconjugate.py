@@ -74,7 +74,7 @@ class SemiConjugatePrior(Prior):
         )
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NormalMixture(RotatedPosterior):
     """Exact posterior under a semi-conjugate prior: coefficients = center + g basis on the original scale.
 

@@ -26,7 +26,7 @@ class BoundWarning(UserWarning):
     """The search of a prior ended at a bound of its box."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TunedPrior:
     """Prior of the best cross-validated elpd, with the search; a score is the elpd per held-out row, mean over folds.
 

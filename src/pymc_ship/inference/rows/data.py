@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from textwrap import shorten
 from typing import Any
@@ -33,7 +33,7 @@ _SMALLEST, _LARGEST = 1e-100, 1e100  # magnitudes of columns and response
 FEWEST_ROWS = 4  # rows that sizes of columns and response are judged over, at least
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RegressionData:
     """Regression data of one response.
 
@@ -80,6 +80,13 @@ class RegressionData:
                 values = values.view()
                 values.setflags(write=False)
             object.__setattr__(self, name, values)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.__post_init__()  # copied and read arrays are writeable
 
     @classmethod
     def from_formula(
@@ -236,12 +243,18 @@ class RegressionData:
         return (self.response - self.response_center) / self.response_scale
 
     def rows(self, index: np.ndarray | slice | Sequence[int]) -> RegressionData:
-        """Data of the given rows (integers or mask), with the scaling of the whole; InferenceError for none."""
-        index = np.arange(self.n_rows)[index] if isinstance(index, slice) else np.asarray(index)
+        """Data of the given rows (integers or mask), with the scaling of the whole; InferenceError for none or others."""
+        n, index = self.n_rows, np.arange(self.n_rows)[index] if isinstance(index, slice) else np.asarray(index)
         chosen = np.count_nonzero(index) if index.dtype.kind == "b" else index.size
         if not chosen or index.dtype.kind not in "biu":
             raise InferenceError(
                 f"Rows are given by integers or a mask, one or more, found {chosen} of type {index.dtype}; choose some."
+            )
+        inside = index.size == n if index.dtype.kind == "b" else -n <= index.min() and index.max() < n
+        if index.ndim != 1 or not inside:
+            raise InferenceError(
+                f"Rows are a list of integers up to {n - 1} or a mask of {n} values, found shape {index.shape} with "
+                f"{index.min()} to {index.max()}; correct it."
             )
         names = ("design_matrix", "response", "time", "run")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
