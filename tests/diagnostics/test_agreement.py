@@ -1,3 +1,4 @@
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -6,7 +7,8 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from pymc_ship.diagnostics.agreement import agreement
+from pymc_ship.diagnostics.agreement import Comparison, agreement
+from pymc_ship.diagnostics.posterior_statistics import convergence_diagnostics
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.tree import draws_tree, exact_posterior
@@ -180,3 +182,22 @@ def test_a_single_chain_is_compared_and_does_not_agree():
     table = agreement(PRIOR.exact(regression()), {"one": tree_of(*(values[:1] for values in draws))})
     assert np.isfinite(table["largest_z"]).all()
     assert not table["agrees"].any()
+
+
+def test_a_single_chain_is_judged_without_r_hat():
+    """It needs two chains: nothing is said against the draws of one."""
+    exact = PRIOR.exact(regression())
+    draws = {
+        "one": exact_posterior(regression(), PRIOR, draws=4000, chains=1, rng=1),
+        "shifted": exact_posterior(regression(), replace(PRIOR, kappa=0.1), draws=4000, chains=1, rng=1),
+        "two": exact_posterior(regression(), PRIOR, draws=4000, chains=2, rng=1),
+    }
+    table = agreement(exact, draws)
+    assert table["agrees"].values.tolist() == [False, False, True]
+    first, second, third, _ = table.attrs["verdict"].split("; ")
+    assert first.startswith("one is not judged")
+    assert second.startswith("shifted DISAGREES")
+    assert ["two chains" in text for text in (first, second, third)] == [True, True, False]
+    (row, *_) = convergence_diagnostics(draws["one"])
+    assert (row["where"], row["passes"]) == ("it needs two chains", False)
+    assert [text[:8] for text in Comparison("x", draws, table).disagreements] == ["shifted "]

@@ -286,3 +286,20 @@ def test_coefficients_are_rescaled_by_their_own_vessel():
     prime = ps.load_vessel("kvlcc2").coefficients("yaw")
     with refused(ps.VesselError, "container", "kvlcc2"):
         ps.rescale(prime, "container", "bis")
+
+
+def test_one_name_is_no_list_of_its_letters(trial, data):
+    tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
+    for use in (
+        lambda: ps.denoise(trial, channels="psi"),
+        lambda: ps.denoise_draws(trial, channels="psi", rng=1),
+        lambda: ps.trajectory_posterior([trial], "kvlcc2", channels="u,v", rng=1),
+        lambda: ps.sister_ship_table("kvlcc2", "yaw", names="Nv"),
+        lambda: ps.identify(trial, "kvlcc2", families="conjugate"),
+        lambda: ps.identify_ship([trial], "kvlcc2", terms="hull", rng=1),
+        lambda: ps.restore_fixed(tree, {"x3": 1.0}, "x1"),
+        lambda: ps.RegressionData.from_arrays(data.design_matrix, data.response, "ab"),
+        lambda: ps.score("kvlcc2", [trial], names="a"),
+    ):
+        with refused(ValueError, "list"):
+            use()

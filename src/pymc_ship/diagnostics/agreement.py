@@ -47,7 +47,8 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
         ``table.sel({"method": "nuts"})``. ``exact_mean``, ``exact_sd``, ``exact_quantile``; ``mean``, ``sd``,
         ``mcse_mean``, ``mcse_sd``, ``ecdf``; ``z_mean``, ``z_sd``, ``z_quantile``; ``r_hat``, ``ess_bulk``,
         ``ess_tail``; per method ``divergences`` (NaN where unknown), ``largest_z`` and ``agrees``: every z within
-        ``attrs["z_limit"]``, R-hat at most 1.01 and no divergence. ``attrs["verdict"]`` is the sentence on them.
+        ``attrs["z_limit"]``, R-hat at most 1.01 and no divergence. ``attrs["verdict"]`` is the sentence on them; a
+        single chain, whose R-hat is NaN, is not judged.
 
     Raises
     ------
@@ -157,17 +158,25 @@ def _with_verdict(table: xr.Dataset) -> xr.Dataset:
     r_hat = table["r_hat"].max("quantity", skipna=False)
     agrees = (largest <= limit) & (r_hat <= R_HAT_LIMIT) & ~(table["divergences"] > 0)
     table = table.assign(largest_z=("method", largest), agrees=agrees)
+    table.attrs |= {"z_limit": limit, "level": LEVEL, "comparisons": z.size, "r_hat_limit": R_HAT_LIMIT}
     verdict = "; ".join(_verdict_text(table.isel(method=k)) for k in range(table.sizes["method"]))
-    return table.assign_attrs(
-        z_limit=limit, level=LEVEL, comparisons=z.size, r_hat_limit=R_HAT_LIMIT, verdict=f"{verdict}; limit {limit:.2f}"
-    )
+    return table.assign_attrs(verdict=f"{verdict}; limit {limit:.2f}")
+
+
+def _judgement(one: xr.Dataset) -> str:
+    """``DISAGREES`` of a method, unless it agrees or nothing but the missing R-hat of a single chain is against it."""
+    if one["agrees"]:
+        return "agrees"
+    sound = one["largest_z"] <= one.attrs["z_limit"] and not one["divergences"] > 0
+    return "is not judged" if sound and one["r_hat"].isnull().all() else "DISAGREES"
 
 
 def _verdict_text(one: xr.Dataset) -> str:
     r_hat, count = float(one["r_hat"].max(skipna=False)), float(one["divergences"])
+    mixing = "R-hat needs two chains that vary" if np.isnan(r_hat) else f"largest R-hat {r_hat:.4f}"
     counted = "" if np.isnan(count) else f", divergences {count:.0f}"
-    numbers = f"largest |z| {float(one['largest_z']):.1f}, largest R-hat {r_hat:.4f}{counted}"
-    return f"{one['method'].item()} {'agrees' if one['agrees'] else 'DISAGREES'} ({numbers})"
+    numbers = f"largest |z| {float(one['largest_z']):.1f}, {mixing}{counted}"
+    return f"{one['method'].item()} {_judgement(one)} ({numbers})"
 
 
 @dataclass(frozen=True)
@@ -213,7 +222,7 @@ class Comparison:
         if self.agreement is None:
             return []
         methods = (self.agreement.isel(method=k) for k in range(self.agreement.sizes["method"]))
-        return [_verdict_text(one) for one in methods if not one["agrees"]]
+        return [_verdict_text(one) for one in methods if _judgement(one) == "DISAGREES"]
 
 
 def _value(value: float) -> str:

@@ -124,6 +124,7 @@ def convergence_diagnostics(tree: xr.DataTree) -> list[dict]:
         return float(values[k]), str(names[k])
 
     value, where = worst("r_hat", 1.0)
+    where = where if tree["posterior"].sizes["chain"] > 1 else "it needs two chains"
     results = [_diagnostic("largest R-hat", value, where, f"< {R_HAT_LIMIT:g}", value < R_HAT_LIMIT)]
     for name, label in (("ess_bulk", "least bulk ESS"), ("ess_tail", "least tail ESS")):
         value, where = worst(name, -1.0)

@@ -135,10 +135,13 @@ test_value_errors = wording(
     ),
     *(
         (
-            rf"evidence or bayesian_optimisation \(which needs rng\), found '{selection}'",
+            sentence,
             lambda trial, small, selection=selection: identify(trial, small, selection=selection),
         )
-        for selection in ["guess", SELECTIONS[1]]
+        for selection, sentence in [
+            ("guess", "is one of evidence, bayesian_optimisation; found 'guess'"),
+            (SELECTIONS[1], "by bayesian_optimisation needs a generator, found none; give rng"),
+        ]
     ),
     *(
         (

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -185,6 +186,23 @@ def test_a_formula_without_its_parser_is_refused_with_a_sentence(monkeypatch):
     with pytest.raises(ps.InferenceError) as found:
         ps.RegressionData.from_formula("Y ~ v", Table(**motion()), scaling="none")
     assert str(found.value) == ("Formulas need the package formulae, found none; install pymc-ship[formula].")
+
+
+def test_a_quoted_text_is_no_variable_and_a_name_in_backticks_is_one():
+    rng = np.random.default_rng(1)
+    table = {name: rng.normal(size=12) for name in ("Y", "v", "r", "low", "my v")} | {"g": ["low", "r", "mid"] * 4}
+    frame = pd.DataFrame(table)
+    for formula, names in (
+        (
+            "Y ~ v + C(g, Treatment('low'))",
+            ["Intercept", "v", "C(g, Treatment('low'))[mid]", "C(g, Treatment('low'))[r]"],
+        ),
+        ('Y ~ v + I(g == "r")', ["Intercept", "v", 'I(g == "r")']),
+        ("Y ~ `my v` + `r`", ["Intercept", "my v", "r"]),
+    ):
+        assert sorted(ps.RegressionData.from_formula(formula, frame).coefficients) == sorted(names)
+    with refused(ps.InferenceError, "low"):
+        ps.RegressionData.from_formula("Y ~ v % low", frame)
 
 
 # new rows -------------------------------------------------------------------------------------------------------------

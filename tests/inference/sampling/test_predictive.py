@@ -173,6 +173,18 @@ def test_predictions_need_the_rows_of_the_fit():
     assert with_predictive(tree, rounded, prior, rng=1).identical(with_predictive(tree, data, prior, rng=1))
 
 
+def test_coefficients_restored_one_after_the_other_are_those_restored_at_once():
+    data, prior, fixed = regression("tall"), ConjugatePrior(), {"x1": -1.0, "x2": 0.4}
+    free = exact_posterior(ps.hold_fixed(data, fixed), prior, draws=40, rng=1)
+    once = ps.restore_fixed(free, fixed, data.coefficients)
+    twice = ps.restore_fixed(ps.restore_fixed(free, {"x2": 0.4}), {"x1": -1.0}, data.coefficients)
+    found, expected = (predict(tree, data.design_matrix, data=data, rng=1) for tree in (twice, once))
+    xr.testing.assert_identical(found, expected)
+    assert with_predictive(twice, data, prior, rng=1)["prior"].equals(
+        with_predictive(once, data, prior, rng=1)["prior"]
+    )
+
+
 def test_a_restored_posterior_predicts_the_observed_data():
     """Which are without the fixed part."""
     data, prior = regression("tall"), ConjugatePrior()

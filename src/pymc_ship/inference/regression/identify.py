@@ -14,7 +14,7 @@ from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.regression.tune import TunedPrior, maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data
-from pymc_ship.machine.arguments import check_counts
+from pymc_ship.machine.arguments import check_choice, check_counts, name_list
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -115,10 +115,10 @@ def identify(
     """
     rng = None if rng is None else random_generator(rng)
     vessel, trial = as_vessel(vessel), as_trial(trial)
-    if selection not in SELECTIONS or (selection == "bayesian_optimisation" and rng is None):
-        raise ValueError(
-            f"Hyperparameters are selected by {' or '.join(SELECTIONS)} (which needs rng), found {selection!r}."
-        )
+    check_choice("The selection of hyperparameters", selection, SELECTIONS)
+    if selection == "bayesian_optimisation" and rng is None:
+        raise ValueError("The selection by bayesian_optimisation needs a generator, found none; give rng.")
+    families = name_list("The families", families)
     data = {dof: regression_data(trial, vessel, dof, interval=interval, derivative=derivative) for dof in vessel.dofs}
     priors: dict[str, dict[str, Prior]] = {family: {} for family in families}
     tuned: dict[str, dict[str, TunedPrior]] = {family: {} for family in families}

@@ -126,7 +126,7 @@ def restore_fixed(
     Returns
     -------
     DataTree
-        A copy; its attr ``fixed`` has the values as JSON.
+        A copy; its attr ``fixed`` has the values, with those restored before, as JSON.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def restore_fixed(
     rest = posterior.drop_vars(("coefficients", "coefficient"))
     restored = tree.copy()
     restored["posterior"] = xr.DataTree(rest.assign(coefficients=whole))
-    restored.attrs["fixed"] = json.dumps(fixed)
+    restored.attrs["fixed"] = json.dumps(json.loads(tree.attrs.get("fixed", "{}")) | fixed)
     return restored
 
 

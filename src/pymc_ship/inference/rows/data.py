@@ -243,8 +243,9 @@ class RegressionData:
         return (self.response - self.response_center) / self.response_scale
 
     def rows(self, index: np.ndarray | slice | Sequence[int]) -> RegressionData:
-        """Data of the given rows (integers or mask), with the scaling of the whole; InferenceError for none or others."""
-        n, index = self.n_rows, np.arange(self.n_rows)[index] if isinstance(index, slice) else np.asarray(index)
+        """Data of the given rows (integers or mask), scaled as the whole; InferenceError for none or other rows."""
+        n = self.n_rows
+        index = np.arange(n)[index] if isinstance(index, slice) else np.asarray(index)
         chosen = np.count_nonzero(index) if index.dtype.kind == "b" else index.size
         if not chosen or index.dtype.kind not in "biu":
             raise InferenceError(

@@ -30,7 +30,10 @@ _FRAMES = 2
 _SAMPLE_ROWS = 8  # fitted rows, at most, whose terms are computed again before a prediction
 
 _NAMES = re.compile(r"(?<![\w.])[^\W\d]\w*(?![\w.(]|\s*=)")
-"""Names in a formula that are no functions, modules or keywords."""
+"""Names in a formula without its quoted texts that are no functions, modules or keywords."""
+
+_QUOTED = re.compile(r"'[^']*'|\"[^\"]*\"|`([^`]*)`")
+"""Texts in a formula, such as levels; what stands in backticks is a name."""
 
 
 def is_frame(table: object) -> bool:
@@ -240,7 +243,7 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
         raise InferenceError("Formulas need the package formulae, found none; install pymc-ship[formula].") from None
     if not is_frame(frame):
         raise InferenceError(f"A formula needs a table, found {short_repr(type(frame))}; give a DataFrame.")
-    used = [name for name in dict.fromkeys(_NAMES.findall(str(formula))) if name in frame_names(frame)]
+    used = [name for name in dict.fromkeys(_written_names(str(formula))) if name in frame_names(frame)]
     check_names(frame, used, f"The rows of {short_repr(formula)}")
     scope, log, messages = _Scope(), getLogger("formulae"), BufferingHandler(1000)  # formulae logs what it leaves out
     messages.setLevel(WARNING)
@@ -309,6 +312,10 @@ def _unread(formula: str) -> str:
     return " ".join(token.lexeme for token in parser.tokens[parser.current :]).strip()
 
 
+def _written_names(formula: str) -> list[str]:
+    return [*_NAMES.findall(_QUOTED.sub(" ", formula)), *filter(None, _QUOTED.findall(formula))]
+
+
 def _variables(terms: Iterable[Any]) -> set[str]:
     return set().union(*(term.var_names for term in terms))
 
@@ -329,7 +336,7 @@ def _check_terms(formula: str, frame: Any, matrices: Any) -> None:
             f"pandas.to_numeric, or write C({texts[0]})."
         )
     used = _variables([*terms, *([] if response is None else [response.term.term])])
-    idle = [name for name in frame_names(frame) if name in _NAMES.findall(formula) and name not in used]
+    idle = [name for name in frame_names(frame) if name in _written_names(formula) and name not in used]
     faults = {
         "no response": response is None,
         "a response that is no number": response is not None and response.kind != "numeric",

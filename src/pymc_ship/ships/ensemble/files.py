@@ -13,6 +13,7 @@ import xarray as xr
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.inference.trajectory.prior import GaussianLikelihood
 from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
+from pymc_ship.machine.arguments import name_list
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.files import settle, staged_path
@@ -69,8 +70,9 @@ def save_ship(
     OutputError
         When the folder cannot be written.
     VesselError
-        For a ship without the likelihood of its runs, such as that of a vessel file.
+        For a ship without the likelihood of its runs, such as that of a vessel file, or runs of one name.
     """
+    run_list = name_list("The names of runs", runs, VesselError)
     members = [one for one in ship.members if len(one.draws)]
     known = [(one, one.likelihood) for one in members if one.likelihood is not None]
     if ship.motion is None or len(known) < len(members):
@@ -95,7 +97,7 @@ def save_ship(
             "motion_error": {name: sizes.tolist() for name, sizes in ship.motion_error.items()},
             "extrapolation_growth": ship.extrapolation_growth.tolist(),
             "facilities": {name: asdict(gear) for name, gear in ship.facilities.items()},
-            "runs": list(runs),
+            "runs": run_list,
             "held_out_indices": list(index_rows(ship.held_out_indices)),
             "harder_indices": list(index_rows(ship.harder_indices)),
             "uses_captive_tests": ship.uses_captive_tests,

@@ -17,8 +17,8 @@ from pymc_ship.inference.captive.comparison import captive_bands
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
 from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
-from pymc_ship.machine.arguments import check_counts
-from pymc_ship.machine.errors import FitError, InferenceError, TrialError
+from pymc_ship.machine.arguments import check_counts, name_list
+from pymc_ship.machine.errors import FitError, InferenceError, TrialError, VesselError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -177,7 +177,8 @@ def identify_ship(
     names = run_names("An identification", names, len(trials))
     kind = prior_kind_of(vessel, (prior.prior if isinstance(prior, Ship) else prior) or None)
     training = _with_earlier_runs(before, replace(_prepare(trials, vessel, kind), captive=captive))
-    term_set_names = tuple(dict.fromkeys(terms or training.earlier or default_term_sets(training)))
+    chosen = terms or training.earlier or default_term_sets(training)
+    term_set_names = name_list("The term sets", chosen, VesselError)
     _check_earlier(before, term_set_names, captive)
     by_name = dict(zip(names, trials, strict=True))
     contradictions = contradicting_runs(by_name, vessel.particulars.L)
