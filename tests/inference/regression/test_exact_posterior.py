@@ -12,8 +12,10 @@ from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.errors import InferenceError
 from tests.inference.regression.cases import two_modes, vector_prior
 from tests.inference.regression.peers import exact_of, largest_z, simulated, z_limit
+from tests.sentences import refused
 
 
 @pytest.fixture(params=[ConjugatePrior, SemiConjugatePrior], ids=lambda family: family.family)
@@ -160,3 +162,12 @@ def test_draws_are_dealt_to_chains_and_worth_their_number(family):
     assert 0.85 * 4000 < float(ess["noise_variance"]) < 1.3 * 4000
     assert float(az.rhat(posterior.dataset)["noise_variance"]) < 1.01
     assert tree.attrs["method"] == family.family
+
+
+@pytest.mark.parametrize(("name", "largest"), [("mean", 1e100), ("shape", 1e15)])
+def test_hyperparameters_of_any_size_have_a_posterior_or_are_refused(family, name, largest):
+    data = simulated(20, 3, seed=14)
+    assert np.isfinite(family(**{name: largest}).exact(data).log_evidence)
+    for size in (1.1, 1e60):
+        with refused(InferenceError, name, largest):
+            family(**{name: size * largest})

@@ -26,6 +26,7 @@ from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
 _SMALLEST_GAMMA = 1e-200  # keeps draws of the noise variance finite for shapes near 0
+_LARGEST = {"mean": 1e100, "shape": 1e15}  # in size: squares are numbers, and the rows are not lost to rounding
 _FAR = 10.0  # prior standard deviations of a fitted response
 _MOST_ROWS = 8  # coefficients in the text of a posterior
 
@@ -78,6 +79,10 @@ class Prior(ABC):
                 raise InferenceError(f"The prior's {name} must be finite, found {value.tolist()}; give a plain number.")
             if name != "mean" and (value <= 0.0).any():
                 raise InferenceError(f"The prior's {name} must be positive, found {value.tolist()}; raise it above 0.")
+            if np.abs(value).max(initial=0.0) > _LARGEST.get(name, np.inf):
+                raise InferenceError(
+                    f"The prior's {name} must be at most {_LARGEST[name]:g} in size, found {value.tolist()}; reduce it."
+                )
             value.setflags(write=False)
             object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
 
