@@ -262,9 +262,21 @@ def test_values_by_name_are_a_mapping(data):
         lambda: ps.hold_fixed(data, ["x1"]),
         lambda: ps.restore_fixed(tree, ["x3"]),
         lambda: ps.informed_prior(data, ps.SemiConjugatePrior(), pd.DataFrame({"x1": [1.0, 2.0]})),
+        lambda: ps.coefficient_prior([], "kvlcc2", table=["Nv"]),
+        lambda: ps.maximise_evidence(data, box=["kappa"]),
     ):
         with refused(ps.InferenceError, "Mapping", "dict"):
             use()
+
+
+def test_bounds_and_draws_are_numbers(data):
+    box = {"shape": (1.0, 2.0), "noise_variance": (1.0, 2.0), "kappa": (1.0, "a")}
+    for bounds in (box, box | {"kappa": 1.0}):
+        with refused(ps.InferenceError, "real"):
+            ps.maximise_evidence(data, box=bounds)
+    for draws in (-1, 2.5):
+        with refused(ps.InferenceError, "draws", draws):
+            ps.ConjugatePrior().exact(data).draw(draws, 1)
 
 
 def test_other_kinds_are_named(tmp_path, trial, data):

@@ -224,7 +224,11 @@ def sister_ship_table(
         raise InferenceError(
             f"relative_sd and floor must not be negative, found {relative_sd} and {floor}; raise them."
         )
-    names = reference["coefficient"].values.tolist() if names is None else name_list("The names", names, InferenceError)
+    names = (
+        reference["coefficient"].values.tolist()
+        if names is None
+        else name_list("The coefficients of a table", names, InferenceError)
+    )
     _check_names(names, reference["coefficient"].values.tolist())
     sd = np.hypot(relative * values, least)
     triples = zip(reference["coefficient"].values.tolist(), values.tolist(), sd.tolist(), strict=True)

@@ -19,14 +19,18 @@ from numpy.typing import ArrayLike
 
 from pymc_ship.inference.rows.data import FEWEST_ROWS, UNEVEN, RegressionData
 from pymc_ship.inference.rows.frames import Formula, check_same_rows, new_design, row_labels
-from pymc_ship.machine.arguments import check_kind, real_array, short_repr
+from pymc_ship.machine.arguments import check_counts, check_kind, real_array, short_repr
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
 _SMALLEST_GAMMA = 1e-200  # keeps draws of the noise variance finite for shapes near 0
-_LARGEST = {"mean": 1e100, "shape": 1e15}  # in size: squares are numbers, and the rows are not lost to rounding
+_LARGEST = {
+    "mean": 1e100,
+    "kappa": 1e200,
+    "shape": 1e15,
+}  # in size: squares are numbers, and the rows are not lost to rounding
 _FAR = 10.0  # prior standard deviations of a fitted response
 _MOST_ROWS = 8  # coefficients in the text of a posterior
 
@@ -274,6 +278,7 @@ class RotatedPosterior(ExactPosterior):
 
     def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
         """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
+        check_counts(InferenceError, draws=draws)
         coefficients, noise_variance = self._draw_rotated(draws, random_generator(rng))
         rotate_back(coefficients, np.ascontiguousarray(self.basis.T), self.center)
         return coefficients, noise_variance

@@ -15,6 +15,7 @@ from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import Prior, check_data
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.arguments import check_kind, real_array
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
@@ -299,9 +300,10 @@ def _minimise(
 def _log_bounds(prior_type: type[Prior], box: Mapping[str, tuple[float, float]] | None) -> np.ndarray:
     names = tuple(prior_type.box)
     box = prior_type.box if box is None else box
+    check_kind("A box", box, Mapping, "give a dict of bounds by name of hyperparameter", InferenceError)
     if set(box) != set(names):
         raise InferenceError(f"A box bounds {', '.join(names)}, found {', '.join(box) or 'nothing'}; name these.")
-    bounds = np.array([box[name] for name in names], dtype=float)
+    bounds = real_array("Bounds", [box[name] for name in names], InferenceError)
     if bounds.shape != (len(names), 2) or not (bounds[:, 0] > 0.0).all() or not (bounds[:, 0] < bounds[:, 1]).all():
         raise InferenceError(f"Bounds are pairs that rise and lie above 0, found {bounds.tolist()}; mend them.")
     return np.log(bounds)

@@ -11,6 +11,7 @@ import xarray as xr
 
 from pymc_ship.inference.rows.weak_form import coefficient_scales
 from pymc_ship.inference.trajectory.scale_law import FACTOR_SD, FREEDOM, ScaleLaw
+from pymc_ship.machine.arguments import check_kind, number_or_nan
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.forces.terms import order
@@ -139,7 +140,7 @@ def coefficient_prior(
         For an unknown kind, a relative sd or a table's sd that is not positive, or unknown names.
     """
     vessel, trials = as_vessel(vessel), trial_list(trials)
-    if kind not in KINDS or not 0.0 < relative_sd < np.inf:
+    if kind not in KINDS or not 0.0 < number_or_nan(relative_sd) < np.inf:
         raise InferenceError(
             f"A prior of coefficients is one of {', '.join(KINDS)} with a positive relative sd, found {kind!r} and "
             f"{relative_sd}; correct them."
@@ -209,7 +210,9 @@ def _with_table(
     is_fixed[mean.size - len(vessel.parameters) :] = True
     in_file = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
     known = {c.name: (c.value, c.sd) for c in in_file if c.sd > 0.0}
-    for name, (center, sd) in (known | dict(table or {})).items():
+    table = {} if table is None else table
+    check_kind("The table of a prior", table, Mapping, "give a dict by name of coefficient", InferenceError)
+    for name, (center, sd) in (known | dict(table)).items():
         if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
             raise InferenceError(
                 f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "
