@@ -5,7 +5,14 @@ from __future__ import annotations
 import os
 from functools import partial
 
-from pymc_ship.machine.arguments import check_choice, finite_number
+from pymc_ship.machine.arguments import (
+    check_choice,
+    check_flags,
+    check_kind,
+    finite_number,
+    name_list,
+    probability_array,
+)
 from pymc_ship.machine.errors import OutputError
 from pymc_ship.machine.files import staged_path, writable_folder
 from tests.sentences import wording
@@ -35,6 +42,20 @@ test_value_errors = wording(
         r"^The size must be a number from 0\.5 up, found 0\.4; correct it\.$",
         lambda: finite_number("The size", 0.4, least=0.5),
     ),
+    (r"^progress is True or False, found 'no'; choose one of them\.$", lambda: check_flags(progress="no")),
+    (
+        r"^The table must be a dict, found <class 'list'>; write it by name\.$",
+        lambda: check_kind("The table", [], dict, "write it by name"),
+    ),
+    (
+        r"^The channels must be a list of names, found 'psi'; put one name into a list\.$",
+        lambda: name_list("The channels", "psi"),
+    ),
+    (
+        r"^The names of runs must differ, found a, b more than once; rename or leave out\.$",
+        lambda: name_list("The names of runs", ["b", "a", "b", "a", "c"]),
+    ),
+    (r"^Probabilities must lie from 0 to 1, found 1\.5; correct it\.$", lambda: probability_array([0.0, 1.5])),
 )
 
 test_output_errors = wording(

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.trial.record import check_trial, named_trials
+from pymc_ship.trial.record import check_trial, named_trials, run_names
 from pymc_ship.trial.units import METRE
 from tests.sentences import wording
 from tests.trial.test_record import CHANNELS, record
@@ -47,6 +47,18 @@ def read(tmp_path, content):
 test_trial_errors = wording(
     ps.TrialError,
     ("Trials must be a dict of Datasets by name, found <class 'int'>; give each trial a name", lambda: named_trials(3)),
+    (
+        "^A score needs one trial or more and a name for each, found 2 trials and 1 names; correct",
+        lambda: run_names("A score", ["a"], 2),
+    ),
+    (
+        "^A record to be written needs channels such as u, v and r, found none; add them",
+        lambda tmp_path: ps.write_trial(record()[["time"]], tmp_path / "trial.csv"),
+    ),
+    (
+        "^The attr facility must be one line without quotes, found 'tank \"B\"'; change it",
+        lambda tmp_path: ps.write_trial(record().assign_attrs(facility='tank "B"'), tmp_path / "trial.csv"),
+    ),
     ("Trials must be a dict .* found 2 in a list", lambda: named_trials([record(), record()])),
     (
         "The name of a channel must be new, found 'u' among time, u, v",

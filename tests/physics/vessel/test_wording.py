@@ -10,12 +10,16 @@ import numpy as np
 import pymc_ship as ps
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.vessel.hull_database import with_hull_database
+from pymc_ship.physics.vessel.reading import SHIPPED
 from pymc_ship.physics.vessel.term_sets import OWN, with_terms
+from pymc_ship.physics.vessel.vessel import check_same_vessel
 from tests.physics.vessel.test_parts import PARTICULARS, PARTS, PROPELLER, vessel
 from tests.physics.vessel.test_ranges import SHIPS, particulars_toml
 from tests.physics.vessel.test_term_sets import LOADED
 from tests.sentences import wording
 from tests.ships.identification.cases import tanker
+
+TANKER = (SHIPPED / "kvlcc2.toml").read_text()
 
 
 def loaded(tmp_path, text):
@@ -26,6 +30,14 @@ def loaded(tmp_path, text):
 
 test_vessel_errors = wording(
     VesselError,
+    (
+        "^The forecast must be of the vessel 'kvlcc2', found 'container' in x; give its own vessel",
+        lambda: check_same_vessel("The forecast", {"vessel": "container"}, tanker(), " in x"),
+    ),
+    (
+        r"coefficients\.yaw must have each term once, found Nv[rv]+, which is the term of Nv[rv]+; write one of them",
+        lambda tmp_path: loaded(tmp_path, TANKER.replace("[coefficients.yaw]", "[coefficients.yaw]\nNvrv = 0.0")),
+    ),
     (
         r"^The prior hull_database needs the draught d of 'kvlcc2', found none; add d",
         lambda: with_hull_database(replace(tanker(), particulars=replace(tanker().particulars, d=0.0))),
