@@ -254,6 +254,24 @@ def test_an_antenna_without_a_place_is_said(run, read):
     assert "antenna" not in read(columns(run)).attrs["reading"]
 
 
+@pytest.mark.parametrize("orders", [[0.0], [0.0, 45.0, 20.0]])
+def test_a_course_that_keeps_its_value_in_a_turn_is_a_set_one(run, read, orders):
+    table = received(run)
+    table["Course [deg]"] = np.repeat(orders, -(-run["time"].size // len(orders)))[: run["time"].size]
+    del table["COG [deg]"]
+    with refused(TrialError, "Course", "course_set"):
+        read(table)
+
+
+def test_a_plain_course_is_taken_as_one_over_ground_and_said(run, read):
+    table = {name.replace("COG", "Course"): cells for name, cells in received(run).items()}
+    trial = read(table)
+    np.testing.assert_allclose(trial["v"], run["v"], atol=1e-9)
+    words = "'Course [deg]' taken as course over ground; rename the column if it is a set one."
+    assert words in trial.attrs["reading"].splitlines()
+    assert "a set one" not in read(received(run)).attrs["reading"]
+
+
 def test_a_log_precedes_the_receiver(run, read):
     trial = read(received(run) | {"STW [m/s]": run["u"].values})
     np.testing.assert_array_equal(trial["u"], run["u"])

@@ -134,6 +134,10 @@ test_trial_errors = wording(
         lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,95,2\n2,1,2\n"),
     ),
     (r"lies within 100 km, found positions 1", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,2,2\n2,1,2\n")),
+    (
+        r"column 'Course \[deg\]': a course over ground turns with the ship, .* by 10 deg; rename a set course",
+        lambda read: read("time,SOG [kn],Course [deg],HDT [deg]\n0,9,45,40\n1,9,45,45\n2,9,45,50\n"),
+    ),
     (r"positive angles that turn to port, but to starboard in b.csv; check", of_two_sides),
     *(
         (

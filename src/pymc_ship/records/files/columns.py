@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -53,6 +53,7 @@ decoded; the largest numbers of 8 and 16 bits, with up to two decimals; rows of 
 JUMP = 8.0  # steps of a channel, at their 99 % quantile, from which a stand-in is none of its values
 _OF_RECEIVERS = {"sog": (102.3,), "cog": (360.0,), "psi": (511.0,), "latitude": (91.0,), "longitude": (181.0,)}
 _WHOLE_TURN, _LEAST_TURN = 360.0, 5.0  # deg; the least is of a course that is none beside others
+_FEWEST_CHANGES = 10  # of a course over ground whose heading turns by more than this between two of them
 
 
 def standing_out(values: np.ndarray, cells: np.ndarray, least: float = 0.0, period: float | None = None) -> np.ndarray:
@@ -142,6 +143,26 @@ QUATERNION = {
     for axis in "xyzw"
 }
 """Components of an attitude, of which psi and phi are made."""
+
+
+def is_over_ground(names: Collection[str]) -> bool:
+    """Whether u and v are made of speed and course over ground, given the names of columns or channels."""
+    return {"sog", "cog", "psi"} <= set(names) and not {"u", "v"} & set(names)
+
+
+def check_course(columns: Mapping[str, Column], channels: Mapping[str, np.ndarray], where: str) -> None:
+    """Raise TrialError for a course over ground [rad] that keeps its value while the heading turns."""
+    if not is_over_ground(columns):
+        return
+    known = np.isfinite(channels["cog"] + channels["psi"])
+    course, heading = channels["cog"][known], np.rad2deg(np.unwrap(channels["psi"][known]))
+    changes = np.flatnonzero(np.diff(course) != 0.0) + 1
+    turn = max((float(np.ptp(part)) for part in np.split(heading, changes) if part.size), default=0.0)
+    if changes.size < _FEWEST_CHANGES and turn > _LEAST_TURN:
+        raise TrialError(
+            f"{where}, column {columns['cog'].heading!r}: a course over ground turns with the ship, found one value "
+            f"while the heading turns by {turn:.3g} deg; rename a set course, such as 'course_set'."
+        )
 
 
 def quantities() -> dict[str, Channel]:
@@ -289,6 +310,8 @@ def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[s
         if (c.heading, c.unit) != (c.channel, quantities()[c.channel].unit.name)
     ]
     notes = [f"Columns read: {', '.join(read)}."] if read else []
+    if is_over_ground(columns) and name_and_unit(columns["cog"].heading)[0] == "course":
+        notes.append(f"{columns['cog'].heading!r} taken as course over ground; rename the column if it is a set one.")
     return [*notes, f"Columns left out: {', '.join(left_out)}."] if left_out else notes
 
 

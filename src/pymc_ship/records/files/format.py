@@ -13,7 +13,7 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
-from pymc_ship.records.files.columns import CODES, QUATERNION, SETTINGS, quantities
+from pymc_ship.records.files.columns import CODES, QUATERNION, SETTINGS, is_over_ground, quantities
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import OVER_GROUND
 
@@ -238,7 +238,7 @@ def with_ground(
     """
     channels, notes = dict(channels), []
     sog, cog, latitude, longitude = (channels.pop(name, None) for name in ("sog", "cog", "latitude", "longitude"))
-    if sog is not None and cog is not None and "psi" in channels and not {"u", "v"} & set(channels):
+    if sog is not None and cog is not None and is_over_ground({*channels, "sog", "cog"}):
         channels |= {"u": sog * np.cos(cog), "v": sog * np.sin(cog)}
         layout = replace(layout, velocities=_RECEIVER, speeds=OVER_GROUND)
         notes.append("u, v from speed and course over ground: each trial has an unknown current.")

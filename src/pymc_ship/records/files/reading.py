@@ -21,7 +21,9 @@ from pymc_ship.records.files.columns import (
     GROUND,
     ROS,
     Column,
+    check_course,
     clock_column,
+    is_over_ground,
     is_unit,
     matched_columns,
     name_and_unit,
@@ -158,6 +160,7 @@ def _time_series(
     numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
     cells, cell_notes = table_cells(table, numeric, path)
     raw = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
+    check_course(columns, raw, where)
     channels, layout, sign_notes = _in_ship_axes(raw, stated, where)
     if stamps:
         time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, channels, where)
@@ -519,7 +522,7 @@ def _without_stand_ins(columns: dict[str, Column], numbers: dict[str, np.ndarray
     Other channels keep theirs for the check of stand-ins, but for a heading that turns velocities over ground.
     """
     names, notes = [name for name in GROUND if name in columns], []
-    if {"sog", "cog", "psi"} <= set(columns) and not {"u", "v"} & set(columns):
+    if is_over_ground(columns):
         names.append("psi")
     for name in names:
         for number, cells in receiver_stand_ins(name, numbers[name]).items():
