@@ -54,6 +54,67 @@ class TestText:
         assert np.corrcoef(trial["y"], run["y"])[0, 1] > 0.999
         assert "Longitude: E and W behind each number read." in trial.attrs["reading"].splitlines()
 
+    @pytest.mark.parametrize("beside", ["before", "behind", "column"])
+    def test_letters_of_a_side_are_signs(self, run, read, beside):
+        """Rudder 10.0 P, rate of turn S 3.1, or the letter in a column beside."""
+        table, lines = columns(run), ["time,u [m/s],Heading [deg],ROT [deg/s],ROT dir,Rudder angle [deg],Side"]
+        for time, u, psi, *turned in zip(*(table[name] for name in ("time", "u", "psi", "r", "delta")), strict=True):
+            cells = []
+            for value, port in zip(np.rad2deg(turned), "PS", strict=True):
+                letter, number = "PS"[("PS"[int(value < 0)] == port)], f"{abs(value):.9f}"
+                together = f"{letter} {number}" if beside == "before" else f"{number}{letter}"
+                cells += [number, letter] if beside == "column" else [together, ""]
+            lines.append(",".join([repr(float(time)), repr(float(u)), f"{np.rad2deg(psi) % 360.0:.9f}T", *cells]))
+        text = "\n".join(lines)
+        trial = read(text if beside == "column" else text.replace("ROT dir,", ",").replace(",Side", ","))
+        for name in ("u", "r", "delta"):
+            np.testing.assert_allclose(trial[name], run[name], atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(np.diff(trial["psi"]), np.diff(run["psi"]), atol=1e-9)
+        notes = trial.attrs["reading"].splitlines()
+        assert "Rudder angle [deg]: P and S behind each number read." in notes
+        assert "delta changed in sign: the file counts it positive to starboard." in notes
+
+    @pytest.mark.parametrize("north", [33.9, -33.9])
+    @pytest.mark.parametrize(
+        "form", ["columns", "{d}°{m:.7f}'{s}", "{s} {d} {m:.7f}", "{d}°{w}'{t:.5f}\"{s}", "{d}:{m:.7f}{s}"]
+    )
+    def test_positions_with_minutes_and_letters(self, run, read, form, north):
+        """Also the letters of hemispheres in columns of their own, which signed numbers do not need."""
+        x, y = (run[name].values - run[name].values[0] for name in ("x", "y"))
+        lines = ["time;u;Latitude [deg];N/S;Longitude [deg];E/W"]
+        for k, place in enumerate(zip(north + x / 111e3, -58.2 + y / 92.4e3, strict=True)):
+            cells = [repr(float(run["time"][k])), "5.5"]
+            for value, letters in zip(place, ("NS", "EW"), strict=True):
+                letter, size = letters[int(value < 0)], abs(value)
+                minutes = 60.0 * (size % 1.0)
+                parts = {"d": int(size), "m": minutes, "w": int(minutes), "t": 60.0 * (minutes % 1.0), "s": letter}
+                cells += [f"{size:.9f}", letter] if form == "columns" else [form.format(**parts)]
+            lines.append(";".join(cells))
+        trial = read(
+            "\n".join(lines if form == "columns" else [lines[0].replace("N/S;", "").replace(";E/W", ""), *lines[1:]])
+        )
+        assert np.corrcoef(trial["x"], x)[0, 1] > 0.9999
+        assert np.corrcoef(trial["y"], y)[0, 1] > 0.9999
+        assert f"origin {north:.6f}, -58.200000 deg" in trial.attrs["reading"]
+
+    def test_signed_positions_need_no_letters(self, read):
+        rows = "".join(f"{k};{-33.9 + 1e-5 * k:.6f};S;{58.2 + 1e-5 * k:.6f};E\n" for k in range(9))
+        trial = read("time;Latitude [deg];N/S;Longitude [deg];E/W\n" + rows)
+        assert trial["x"][-1] > 5.0
+        assert "origin -33.900000, 58.200000 deg" in trial.attrs["reading"]
+
+    @pytest.mark.parametrize("cells", ["-1.5 P", "1.5 N", "1.5 P S"])
+    def test_a_letter_that_contradicts_its_number_is_refused(self, read, cells):
+        with refused(TrialError, "Rudder"):
+            read(f"time;u;Rudder [deg]\n0;5;{cells}\n1;5;2 P\n2;5;2 S\n")
+
+    @pytest.mark.parametrize("cell", ["−1.5", "-1.5D+00", "-0.15d1", "-1.5E0"])
+    def test_other_spellings_of_a_number(self, read, cell):
+        trial = read(f"time;v;x\n0;{cell};1 000.5\n1;---;10’000.5\n2;{cell};1\u202f000\u202f000.5\n")
+        np.testing.assert_array_equal(trial["v"], [-1.5, -1.5, -1.5])
+        np.testing.assert_array_equal(trial["x"], [1000.5, 10000.5, 1000000.5])
+        assert "Thousands separators of 3 cells of x left out." in trial.attrs["reading"].splitlines()
+
     def test_a_word_among_numbers_with_a_unit_is_refused(self, tmp_path):
         path = tmp_path / "display.csv"
         path.write_text("time [s],u,v [m/s]\n0,15.5 kn,0\n1,fast,0\n2,15.4 kn,0\n")
@@ -121,7 +182,9 @@ class TestText:
 
 
 class TestMissingCells:
-    @pytest.mark.parametrize("missing", ["", "nan", "NaN", "-", "N/A", "inf", "null", "1e300"])
+    @pytest.mark.parametrize(
+        "missing", ["", "nan", "NaN", "-", "N/A", "inf", "null", "1e300", "---", "#DIV/0!", "#VALUE!"]
+    )
     def test_a_short_run_is_filled(self, run, read, missing):
         lines = written(columns(run, ("time", "u"))).splitlines()
         for i in range(101, 106):

@@ -19,15 +19,23 @@ from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
 from pymc_ship.records.files.columns import (
     GROUND,
+    MISSING_CELLS,
     ROS,
+    SIDES,
     Column,
+    bare_numbers,
+    cell_numbers,
     check_course,
     clock_column,
     is_over_ground,
     is_unit,
+    letters_of,
     matched_columns,
     name_and_unit,
+    plain_name,
+    plain_text,
     receiver_stand_ins,
+    without_thousands,
 )
 from pymc_ship.records.files.format import (
     TrialFormat,
@@ -47,12 +55,9 @@ from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_
 
 _COMMENTS = ("#", "%")
 _FEWEST_LINES, _MOST_TITLES = 4, 50  # lines of a table that have titles before the header, and the most of these
-_MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
 _LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
 _SIDES = ("port", "starboard")
-_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:([.,])\d{3})(?:\1\d{3})*(?!\1)[.,]\d*")  # a number with both marks
-_NUMBER_AND_WORD = re.compile(r"([-+]?[\d.,]*\d)\s*(°|°?\s*[^\W\d_][^\s\d]*)")  # such as 15.5 kn, 53.49° N
-_HEMISPHERES = ({"N", "S"}, {"E", "W"})  # of a latitude and a longitude; the second is negative
+_BESIDE = frozenset(("", "n/s", "ns", "e/w", "ew", "p/s", "ps", "side", "dir", "direction", "hemisphere"))
 _AROUND_UNITS = " []{}()-"
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
@@ -222,7 +227,7 @@ class TextTable:
 
 def _text(path: Path) -> str:
     try:
-        return file_text(path)
+        return plain_text(file_text(path))
     except TextError as error:
         raise TrialError(f"The trial {path} cannot be read: {error}.") from None
 
@@ -448,39 +453,40 @@ def _with_nanoseconds(table: TextTable) -> TextTable:
     return replace(table, headings=headings, rows=rows, notes=notes)
 
 
-def _without_thousands(cells: list[str]) -> tuple[list[str], int]:
-    """Cells without the separators of groups of three digits before a decimal mark, and the number of such cells."""
-    plain = [cell.replace(grouped[1], "") if (grouped := _THOUSANDS.fullmatch(cell)) else cell for cell in cells]
-    return plain, sum(one != cell for one, cell in zip(plain, cells, strict=True))
+def _with_letters_beside(table: TextTable) -> TextTable:
+    """Table whose letters in a column of their own, such as N and S, stand behind the unsigned numbers beside them."""
+    headings, rows = list(table.headings), table.rows
+    for k, heading in enumerate(table.headings):
+        if next((row[k].strip().upper() for row in rows if row[k].strip()), "") not in SIDES:
+            continue
+        letters = {row[k].strip().upper() for row in rows} - {""}
+        sided = [j for j, name in enumerate(headings) if letters <= letters_of(name)[1].keys()]
+        word = plain_name(heading).split(" ")[0]
+        targets = [j for j in sided if word and name_and_unit(headings[j])[0].startswith(word)]
+        targets += [j for j in (k - 1, k + 1) if j in sided and plain_name(heading) in _BESIDE]
+        if targets and not any(row[targets[0]].strip().startswith("-") for row in rows):
+            headings[k], at = "", targets[0]
+            rows = [[*row[:at], f"{row[at]} {row[k]}", *row[at + 1 :]] for row in rows]
+    return replace(table, headings=headings, rows=rows)
 
 
 def _with_bare_numbers(table: TextTable) -> TextTable:
-    """Table whose cells have numbers alone, where those of a column have its unit or a hemisphere behind them."""
-    units, rows, notes = list(table.units), table.rows, list(table.notes)
+    """Table whose cells have numbers alone; a rudder with letters of its side is positive to starboard."""
+    table = _with_letters_beside(table)
+    units, rows, notes, side = list(table.units), table.rows, list(table.notes), table.rudder_positive
     for k, heading in enumerate(table.headings):
-        first = next((row[k] for row in rows if row[k].strip().lower() not in _MISSING), "")
-        if not _NUMBER_AND_WORD.fullmatch(first.strip()):
-            continue
-        found = [_NUMBER_AND_WORD.fullmatch(row[k].strip()) for row in rows]
-        words = {match[2].strip("° ") or "deg" for match in found if match}
-        whole = all(match or row[k].strip().lower() in _MISSING for match, row in zip(found, rows, strict=True))
-        side = next((pair for pair in _HEMISPHERES if words <= pair), None)
-        stated = units[k] or name_and_unit(heading)[1]
-        same_unit = len(words) == 1 and all(is_unit(word) and stated in (None, word) for word in words)
-        if not whole or not (side or same_unit):
-            continue
-        negative = max(side) if side else None
-        bare = [("-" if match[2].strip("° ") == negative else "") + match[1] if match else "" for match in found]
-        rows = [[*row[:k], number, *row[k + 1 :]] for row, number in zip(rows, bare, strict=True)]
-        units[k] = units[k] or ("deg" if side else words.pop())
-        notes.append(f"{heading}: {' and '.join(sorted(side)) if side else units[k]} behind each number read.")
-    return replace(table, units=units, rows=rows, notes=notes)
+        if read := bare_numbers(heading, units[k], [row[k] for row in rows]):
+            rows = [[*row[:k], number, *row[k + 1 :]] for row, number in zip(rows, read.cells, strict=True)]
+            side = "starboard" if read.channel == "delta" else side
+            units[k] = read.unit
+            notes += read.notes
+    return replace(table, units=units, rows=rows, notes=notes, rudder_positive=side)
 
 
 def _stamps(table: TextTable, column: Column) -> list[str]:
     """Stamps if most of them are text, empty where missing; no item if most are numbers."""
     stamps = [row[column.index].strip()[:_LONGEST_STAMP] for row in table.rows]
-    stamps = ["" if stamp.lower() in _MISSING else stamp for stamp in stamps]
+    stamps = ["" if stamp.lower() in MISSING_CELLS else stamp for stamp in stamps]
     texts = sum(not _is_number(stamp) for stamp in stamps if stamp)
     return stamps if texts > 0.5 * sum(map(bool, stamps)) else []
 
@@ -490,8 +496,8 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
     texts = {name: [row[column.index].strip() for row in table.rows] for name, column in columns.items()}
     notes = []
     joined = {name: "".join(cells) for name, cells in texts.items()}
-    for name in [name for name, text in joined.items() if "," in text and "." in text]:
-        texts[name], count = _without_thousands(texts[name])
+    for name in [name for name, text in joined.items() if {",", "."} <= {*text} or {" ", "'", "’"} & {*text}]:
+        texts[name], count = without_thousands(texts[name])
         joined[name] = "".join(texts[name])
         notes += [f"Thousands separators of {count} cells of {columns[name].heading} left out."] if count else []
     comma = any("," in text for text in joined.values()) and not any("." in text for text in joined.values())
@@ -500,7 +506,7 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
         notes.append("Decimal commas read as points.")
     numbers = {}
     for name, cells in texts.items():
-        values = _numbers(cells)
+        values = cell_numbers(cells)
         if None in values:
             position = values.index(None)
             raise TrialError(
@@ -531,27 +537,6 @@ def _without_stand_ins(columns: dict[str, Column], numbers: dict[str, np.ndarray
             held = f"{count} cell{'s' if count > 1 else ''} of {columns[name].heading!r}"
             notes.append(f"{number:g} in {held} taken as not available: far from the values beside.")
     return notes
-
-
-def _numbers(cells: list[str]) -> list[float | None]:
-    """Numbers of cells, fast if all are plain numbers."""
-    joined = "".join(cells)
-    if joined.isascii() and "_" not in joined:
-        with suppress(ValueError):
-            return list(map(float, cells))
-    return [_number(cell) for cell in cells]
-
-
-def _number(cell: str) -> float | None:
-    """Number of a cell, NaN for a missing one, None for text."""
-    if cell.lower() in _MISSING:
-        return np.nan
-    if not cell.isascii() or "_" in cell:
-        return None
-    try:
-        return float(cell)
-    except ValueError:
-        return None
 
 
 def _implausible(columns: dict[str, Column], cells: dict[str, np.ndarray]) -> list[str]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import MOST_BYTES
-from pymc_ship.records.files.columns import channels_of
+from pymc_ship.records.files.columns import channels_of, plain_text
 from pymc_ship.trial.channels import TIME
 
 _CHILD = "import sys; from pymc_ship.records.files.tables import send_columns; send_columns(*sys.argv[1:])"
@@ -132,7 +132,9 @@ def cell_texts(values: np.ndarray) -> list[str]:
     """Cells as a text file has them, empty where missing."""
     if values.dtype.kind == "M":
         return ["" if text == "NaT" else text for text in np.datetime_as_string(values).tolist()]
-    return ["" if value is None or value != value else str(value)[:_LONGEST_CELL] for value in values.tolist()]
+    return [
+        "" if value is None or value != value else plain_text(str(value)[:_LONGEST_CELL]) for value in values.tolist()
+    ]
 
 
 def _parquet(path: Path) -> Table:
