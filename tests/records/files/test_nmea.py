@@ -121,3 +121,47 @@ def test_a_fix_of_quality_0_is_none(run, read):
 def _without_fix(line):
     stamp, _, body = line.partition("$")
     return stamp + sentence(body.rpartition("*")[0].replace(",1,08,", ",0,00,"))
+
+
+@pytest.mark.parametrize(("talker", "late"), [("GN", 0.4), ("GN", 1.0), ("GN", -0.3), ("GP", 0.4), ("GP", 1.0)])
+def test_the_clock_is_that_of_one_sensor(run, read, late, talker):
+    """Else the time went back at each sentence of the second receiver, as at midnight."""
+    lines = [*log(run, stamped=False)]
+    for k, line in reversed([*enumerate(lines)]):
+        if "GGA" in line:
+            utc = (10 * round(float(line.split(",")[1]) * 10.0) - round(100 * late)) / 100.0
+            lines.insert(k + 2, sentence(f"{talker}GLL,5329.9,N,00805.9,E,{utc:09.2f},A,A"))
+    lines = [line for line in lines if "GLL" not in line or line[17:25] > "0"]
+    trial, clean = read("\n".join(lines)), read("\n".join(log(run, stamped=False)))
+    for name in ("time", "u", "psi", "x"):
+        np.testing.assert_array_equal(trial[name], clean[name])
+
+
+def test_a_heading_of_ths_is_read(run, read):
+    lines = [line for line in log(run, stamped=False) if "GPHDT" not in line]
+    valid, invalid = (
+        [sentence(f"HETHS,{line.split(',')[1]},{mode}") if "HEHDT" in line else line for line in lines] for mode in "AV"
+    )
+    trial = read("\n".join(valid))
+    np.testing.assert_array_equal(trial["psi"], read("\n".join(lines))["psi"])
+    assert "psi of HETHS" in trial.attrs["reading"]
+    assert "psi" not in read("\n".join(invalid))
+
+
+def test_whole_sentences_of_other_kinds_are_not_damaged(run, read):
+    lines = [*log(run, stamped=False), sentence("PSXN,10,1,2"), sentence("XXABC,1,2"), "$PSXN,10,1,2*00"]
+    lines.append("!" + sentence("AIVDM,1,1,,A,13u?etPv2;0n:dDPwUM1U1Cb069D,0")[1:])
+    notes = read("\n".join(lines)).attrs["reading"].splitlines()
+    assert "Sensors left out: AIVDM, GPGSV, GPHDT, PSXN, XXABC." in notes
+    assert "1 damaged sentences left out." in notes
+
+
+@pytest.mark.parametrize("shaft", [True, False])
+def test_the_revolutions_are_those_of_the_shaft(run, read, shaft):
+    lines = []
+    for line in log(run, stamped=False):
+        lines += [line, sentence("ERRPM,E,1,520.0,5.0,A")] if "RSA" in line else [line]
+        lines += [sentence("ERRPM,S,1,90.0,5.0,A")] if shaft and "RSA" in line else []
+    trial = read("\n".join(lines))
+    np.testing.assert_allclose(trial["n"], (90.0 if shaft else 520.0) / 60.0)
+    assert ("engine alone" in trial.attrs["reading"]) is not shaft

@@ -9,9 +9,11 @@ import subprocess
 import sys
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import closing, suppress
 from dataclasses import is_dataclass
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -374,9 +376,9 @@ _IN_C = ("NetCDF", "MAT", "MAT 7.3", "ROS bag")  # kinds that a process of its o
 
 _BEFORE = " ,;\t[]"  # about the stamp of a logger, which stands before a sentence
 _TAGS = re.compile(r"\\(?:[^\\]*\bc:(\d+))?[^\\]*\\")  # tag block of IEC 61162-450, with its clock if it has one
-_SENTENCE = re.compile(r"[$!][A-Z]{5},")
+_SENTENCE = re.compile(r"[$!](P[A-Z0-9]{2,}|[A-Z]{5}),")
 _NMEA = {  # unit, and type and fields of the sentences of each quantity, the first choice first
-    "psi": ("deg", (("HDT", "heading"),)),
+    "psi": ("deg", (("HDT", "heading"), ("THS", "heading"))),
     "r": ("deg/min", (("ROT", "rate_of_turn"),)),
     "delta": ("deg", (("RSA", "rsa_starboard"), ("RSA", "rsa_port"))),
     "u": ("kn", (("VBW", "lon_water_spd"), ("VHW", "water_speed_knots"))),
@@ -395,7 +397,7 @@ _SHORTEST_LOG = 0.5  # fraction of the first lines that are sentences
 def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]], dict[str, str], list[str]] | None:
     """Cells and units by heading of a log of NMEA 0183, with sentences; None for another text.
 
-    The time is the stamp of the logger before each sentence, or the last UTC in the log. A sensor has one column.
+    The time is the stamp of the logger before each sentence, or the last UTC of one sensor. A sensor has one column.
     """
     first = [line for line in lines[:200] if line.strip()][:50]
     if sum(bool(_SENTENCE.search(line)) for line in first) <= _SHORTEST_LOG * len(first):
@@ -404,28 +406,31 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
         import pynmea2
     except ImportError:
         raise TrialError(f"{path}: NMEA 0183 needs pynmea2, found none; pip install 'pymc-ship[formats]'.") from None
+    type(
+        "THS", (pynmea2.TalkerSentence,), {"fields": (("Heading", "heading"), ("Mode", "status"))}
+    )  # it lacks this one
     summed = sum("*" in line for line in first) > _SHORTEST_LOG * len(first)
-    readings, damaged, utc = [], 0, ""
+    readings, damaged, unread = [], 0, set()
     for line in lines:
         matched = _SENTENCE.search(line)
-        begin = matched.start() if matched else 0
+        text = line[matched.start() :].strip() if matched else ""
         try:
-            message = pynmea2.parse(line[begin:].strip(), check=summed) if matched else None
-        except pynmea2.SentenceTypeError:
-            continue
-        except (pynmea2.ParseError, ValueError, TypeError):
-            message = None
-        damaged += message is None and bool(line.strip())
-        if message is None or not hasattr(message, "talker"):
-            continue
-        with suppress(AttributeError, ValueError, TypeError):
-            utc = f"{message.timestamp:%H:%M:%S.%f}" if message.timestamp else utc
-        readings.append((_TAGS.sub(r"\1", line[:begin]).strip(_BEFORE), utc, message))
-    logger = sum(bool(stamp) for stamp, _, _ in readings) > 0.5 * len(readings)
-    sources, notes = _sensors([message for _, _, message in readings])
+            message = pynmea2.parse(text, check=summed) if matched else None
+            whole = True
+        except (pynmea2.ParseError, ValueError, TypeError) as error:
+            message, whole = None, _is_whole(text) if summed else isinstance(error, pynmea2.SentenceTypeError)
+        if matched and hasattr(message, "talker"):
+            readings.append((_TAGS.sub(r"\1", line[: matched.start()]).strip(_BEFORE), message))
+        elif matched and whole:
+            unread.add(matched[1])
+        else:
+            damaged += bool(line.strip())
+    logger = sum(bool(stamp) for stamp, _ in readings) > 0.5 * len(readings)
+    messages = [message for _, message in readings]
+    sources, notes = _sensors(messages, unread)
+    clocks = [stamp for stamp, _ in readings] if logger else _clocks(messages, sources.get("latitude", ("", ""))[0][:2])
     rows: list[dict[str, str]] = []
-    for stamp, clock, message in readings:
-        time = stamp if logger else clock
+    for time, message in zip(clocks, messages, strict=True):
         cells = {name: _field(message, of) for name, (sensor, of) in sources.items() if sensor == _sensor(message)}
         cells = {name: cell for name, cell in cells.items() if cell}
         if not time or not cells:
@@ -440,25 +445,52 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
     return columns, {name: _NMEA[name][0] for name in sources}, notes
 
 
+def _is_whole(sentence: str) -> bool:
+    """Whether the checksum of a sentence is that of its letters."""
+    body, _, stated = sentence[1:].partition("*")
+    return stated[:2].upper() == f"{reduce(xor, body.encode(), 0):02X}"
+
+
+def _clocks(messages: Sequence[Any], talker: str) -> list[str]:
+    """UTC at each message, never backwards: of the sensor of a talker that shows most stamps before its others do."""
+    stamps, clocks, clock = [], [], ""
+    for message in messages:
+        stamps.append("")
+        with suppress(AttributeError, ValueError, TypeError):
+            stamps[-1] = f"{message.timestamp:%H:%M:%S.%f}" if message.timestamp else ""
+    given = [(stamp, _sensor(message)) for stamp, message in zip(stamps, messages, strict=True) if stamp]
+    given = [(stamp, sensor) for stamp, sensor in given if sensor.startswith(talker)] or given
+    most, firsts = Counter(sensor for _, sensor in given), Counter(dict(reversed(given)).values())
+    usual = [sensor for sensor in most if most[sensor] > 0.5 * max(most.values())]
+    sensor = max(usual, key=lambda one: firsts[one], default="")
+    for stamp, message in zip(stamps, messages, strict=True):
+        if stamp and _sensor(message) == sensor and (stamp > clock or (clock[:2], stamp[:2]) == ("23", "00")):
+            clock = stamp
+        clocks.append(clock)
+    return clocks
+
+
 def _sensor(message: Any) -> str:
     """Name of a sensor: talker, type, and for revolutions source and number."""
     more = f" {message.source}{message.engine_no}" if message.sentence_type == "RPM" else ""
     return f"{message.talker}{message.sentence_type}{more}"
 
 
-def _sensors(messages: Sequence[Any]) -> tuple[dict[str, tuple[str, str]], list[str]]:
+def _sensors(messages: Sequence[Any], unread: Set[str]) -> tuple[dict[str, tuple[str, str]], list[str]]:
     """Sensor and field of each quantity, and a sentence on the sensors that are not used."""
     sources = {}
     for name, (_, choices) in _NMEA.items():
         for kind, of in choices:
             given = [message for message in messages if message.sentence_type == kind and _field(message, of)]
             if known := Counter(map(_sensor, given)):
-                sources[name] = (max(known, key=lambda sensor: known[sensor]), of)
+                sources[name] = (max(known, key=lambda sensor: (" E" not in sensor, known[sensor])), of)
                 break
     used = {sensor for sensor, _ in sources.values()}
-    unused = sorted(set(map(_sensor, messages)) - used)
+    unused = sorted({*map(_sensor, messages), *unread} - used)
     notes = ["NMEA 0183: " + ", ".join(f"{name} of {sensor}" for name, (sensor, _) in sources.items()) + "."]
     notes += [f"Sensors left out: {', '.join(unused)}."] if unused else []
+    if " E" in sources.get("n", ("", ""))[0]:
+        notes.append("RPM has an engine alone: n is its speed, which a gear may change.")
     if sources.get("delta", ("", ""))[1] == "rsa_port":
         notes.append("RSA has a port rudder alone: delta is that one.")
     elif any(message.sentence_type == "RSA" and _field(message, "rsa_port") for message in messages):
