@@ -54,6 +54,29 @@ def test_channels_of_all_files_are_on_the_base_of_the_fastest(tmp_path, run, clo
     assert "gyro.csv: 2396 rows." in trial.attrs["reading"]
 
 
+def times_of_day(time):
+    return [stamp[11:] for stamp in stamps(time)]
+
+
+def compact_times(time):
+    return [stamp.replace(":", "") for stamp in times_of_day(time)]
+
+
+@pytest.mark.parametrize("clock", [times_of_day, compact_times])
+@pytest.mark.parametrize("cut", [0, 250])
+def test_clocks_of_several_files_start_again_at_midnight(tmp_path, run, clock, cut):
+    """Also that of a file which begins after midnight, 180 s after the first row of the others."""
+    folder, dated = write(tmp_path / "run", run, clock, "time"), write(tmp_path / "dated", run, stamps, "time")
+    for one in (folder, dated):
+        lines = (one / "gyro.csv").read_text("utf-8").splitlines()
+        (one / "gyro.csv").write_text("\n".join([lines[0], *lines[1 + 4 * cut :]]), "utf-8")
+    trial, exact = ps.read_trial(folder), ps.read_trial(dated)
+    np.testing.assert_allclose(np.diff(trial["time"]), np.diff(exact["time"]), atol=1e-6)
+    for name in ("u", "psi", "delta"):
+        np.testing.assert_allclose(trial[name], exact[name], atol=1e-6, err_msg=name)
+    assert "time: the clock starts again 1 time, as at midnight; 86400 s added each time." in trial.attrs["reading"]
+
+
 def test_a_heading_of_two_files_has_the_name_of_the_second(tmp_path, run):
     folder = write(tmp_path / "run", run)
     text = (folder / "gyro.csv").read_text("utf-8")

@@ -50,10 +50,18 @@ def nanosecond_columns(headings: Sequence[str]) -> dict[int, int]:
     return found
 
 
-def clock_of_text(cells: Sequence[str], lines: Sequence[int], column: Column, channels: Channels, where: str) -> Clock:
+def clock_of_text(
+    cells: Sequence[str],
+    lines: Sequence[int],
+    column: Column,
+    channels: Channels,
+    where: str,
+    begins: Sequence[int] = (),
+) -> Clock:
     """Clock of dates and times such as ``2020-01-01T08:00:00Z`` or ``08:00:00.5``; a cell is empty where one lacks.
 
     Where stamps such as ``08:00`` may be minutes and seconds, the ``channels`` [SI] tell as in numbers of no unit.
+    ``begins``: the first row of each file, for stamps of several.
     """
     cells = [cell.replace(",", ".") for cell in cells]
     known = [k for k, cell in enumerate(cells) if cell]
@@ -76,7 +84,8 @@ def clock_of_text(cells: Sequence[str], lines: Sequence[int], column: Column, ch
             f"{where}, line {lines[known[bad[0]]]}, column {column.heading}: a stamp is a number of seconds, a time "
             f"such as 08:00:00.5 or a date and time such as 2020-01-01T08:00:00Z, found {stamps[bad[0]]!r}; correct it."
         )
-    time[known], notes = _without_rollovers(seconds, period, 0.5 * period)
+    time[known] = seconds
+    time, notes = _without_rollovers(time, period, 0.5 * period, begins)
     note = f"time from {column.heading!r}: {kind}, counted from {first}."
     return time - time[known[0]], quantum, [note, *unit_notes, *notes]
 
@@ -154,7 +163,9 @@ def _times_of_day(stamps: list[str], last: str) -> tuple[np.ndarray, str, str, f
     return seconds, kind, stamps[0], period if np.nanmax(seconds) < period else np.inf
 
 
-def clock_of_numbers(cells: np.ndarray, quantum: np.ndarray, column: Column, channels: Channels) -> Clock:
+def clock_of_numbers(
+    cells: np.ndarray, quantum: np.ndarray, column: Column, channels: Channels, begins: Sequence[int] = ()
+) -> Clock:
     """Clock of numbers: in the unit of the column or, without a stated one, in the most probable one.
 
     ``quantum`` is the resolution of the cells. Track and speed, or heading and yaw rate, of the ``channels`` [SI] tell
@@ -167,7 +178,7 @@ def clock_of_numbers(cells: np.ndarray, quantum: np.ndarray, column: Column, cha
         if clock:
             time, factor, note, period = clock
             first = time[np.isfinite(time)][0]
-            time, notes = _without_rollovers(time - first, period, 0.5 * period)
+            time, notes = _without_rollovers(time - first, period, 0.5 * period, begins)
             return time, factor * quantum, [f"time from {column.heading!r}: {note}", *notes]
     unit, notes = (column.unit, []) if column.stated else _probable_unit(cells, step, column, channels)
     factor = column.factor if column.stated else _UNITS[unit]
@@ -175,7 +186,7 @@ def clock_of_numbers(cells: np.ndarray, quantum: np.ndarray, column: Column, cha
     largest = np.nanmax(time) if known.size else 0.0
     period = 2.0**32 * factor if unit in ("ms", "us") else WEEK if largest > DAY else DAY
     if known.size and largest <= period and np.nanmin(time) >= 0.0:
-        time, rollovers = _without_rollovers(time, period, period - _NEAR * factor * step)
+        time, rollovers = _without_rollovers(time, period, period - _NEAR * factor * step, begins)
         notes += rollovers
     if known.size and factor * known[0] > _FAR:
         time = time - factor * known[0]
@@ -300,13 +311,24 @@ def _integrals(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
     return _chords(np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * steps)]))
 
 
-def _without_rollovers(time: np.ndarray, period: float, least: float) -> tuple[np.ndarray, list[str]]:
-    """Stamps with a period [s] added from each jump back by ``least`` [s] or more on, and a sentence."""
-    known = np.isfinite(time)
-    turns = np.concatenate([[0], np.cumsum(np.diff(time[known]) < -least)]) if known.any() else np.zeros(0)
-    if not np.isfinite(period) or not turns.any():
+def _without_rollovers(
+    time: np.ndarray, period: float, least: float, begins: Sequence[int]
+) -> tuple[np.ndarray, list[str]]:
+    """Stamps with a period [s] added from each jump back by ``least`` [s] or more on, and a sentence.
+
+    Each of several files counts its own, from that period in which it begins nearest to the first.
+    """
+    known = np.flatnonzero(np.isfinite(time))
+    if not np.isfinite(period) or not known.size:
+        return time, []
+    turns = np.concatenate([[0], np.cumsum(np.diff(time[known]) < -least)])
+    for begin in np.searchsorted(known, begins[1:]):
+        if begin < known.size:
+            nearest = round(float(time[known[0]] - time[known[begin]]) / period)
+            turns[begin:] += nearest - turns[begin]
+    if not turns.any():
         return time, []
     continuous = time.copy()
     continuous[known] += period * turns
-    times = f"{int(turns[-1])} time{'s' if turns[-1] > 1 else ''}"
+    times = f"{int(turns.max())} time{'s' if turns.max() > 1 else ''}"
     return continuous, [f"time: the clock starts again {times}, as at midnight; {period:g} s added each time."]

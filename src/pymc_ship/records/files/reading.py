@@ -167,10 +167,11 @@ def _time_series(
     raw = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
     check_course(columns, raw, where)
     channels, layout, sign_notes = _in_ship_axes(raw, stated, where)
+    begins = [*table.begins.values()]
     if stamps:
-        time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, channels, where)
+        time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, channels, where, begins)
     else:
-        time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels)
+        time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels, begins)
     if delays := {name: column.delay for name, column in columns.items() if column.delay}:
         channels, layout, sign_notes = _in_ship_axes(_undelayed(raw, time, delays), stated, where)
         sign_notes += [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
