@@ -254,6 +254,35 @@ def test_an_antenna_without_a_place_is_said(run, read):
     assert "antenna" not in read(columns(run)).attrs["reading"]
 
 
+def on_rows_of_their_own(table, late=0.01):
+    """Table with a row for each cell, one sensor a row, each ``late`` [s] after the one before."""
+    names = [name for name in table if name != "time"]
+    rows = {"time": np.add.outer(table["time"], late * np.arange(len(names))).ravel()}
+    for k, name in enumerate(names):
+        rows[name] = np.full(rows["time"].size, np.nan)
+        rows[name][k :: len(names)] = table[name]
+    return rows
+
+
+def test_channels_of_a_receiver_on_rows_of_their_own(run, read):
+    """Else no row had both speed and course, or latitude and longitude."""
+    trial = read(on_rows_of_their_own(received(run)))
+    exact = run.interp(time=trial["time"].values - 0.01)
+    for name, bound in {"u": 0.02, "v": 0.02, "psi": 1e-3}.items():
+        np.testing.assert_allclose(trial[name], exact[name], atol=bound, err_msg=name)
+    for name in ("x", "y"):
+        away = trial[name].values - exact[name].values
+        np.testing.assert_allclose(away, away[0], atol=0.3, err_msg=name)
+    for pair, base in (("sog, cog", "sog"), ("latitude, longitude", "latitude")):
+        words = f"{pair} of rows of their own: interpolated to the stamps of {base}."
+        assert words in trial.attrs["reading"].splitlines()
+
+
+def test_a_set_course_on_rows_of_its_own_is_refused(run, read):
+    with refused(TrialError, "COG"):
+        read(on_rows_of_their_own(received(run) | {"COG [deg]": np.zeros(run["time"].size)}))
+
+
 @pytest.mark.parametrize("orders", [[0.0], [0.0, 45.0, 20.0]])
 def test_a_course_that_keeps_its_value_in_a_turn_is_a_set_one(run, read, orders):
     table = received(run)

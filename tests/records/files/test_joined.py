@@ -86,6 +86,24 @@ def test_a_heading_of_two_files_has_the_name_of_the_second(tmp_path, run):
     assert "psi from 'gyro2.psi [deg]'" in ps.read_trial(folder, format=stated).attrs["reading"]
 
 
+@pytest.mark.parametrize("late", [0.0, 0.2])
+def test_speed_and_course_of_two_files_make_velocities(tmp_path, run, late):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    flow = (run["u"].values + 1j * run["v"].values) * np.exp(1j * run["psi"].values)
+    table = {"SOG [m/s]": np.abs(flow), "COG [deg]": np.rad2deg(np.angle(flow)) % 360.0}
+    table |= {"HDT [deg]": np.rad2deg(run["psi"].values), "RSA [deg]": -np.rad2deg(run["delta"].values)}
+    for k, (heading, values) in enumerate(table.items()):
+        rows = [f"{time:.2f},{value:.9f}" for time, value in zip(run["time"].values, values, strict=True)]
+        rows = rows[round(20 * late) * k :: 20]
+        (folder / f"{k}.csv").write_text("\n".join([f"time [s],{heading}", *rows]), "utf-8")
+    trial = ps.read_trial(folder)
+    exact = run.interp(time=trial["time"].values)
+    for name, bound in {"u": 0.02, "v": 0.02, "psi": 1e-3}.items():
+        np.testing.assert_allclose(trial[name], exact[name], atol=bound, err_msg=name)
+    assert trial.attrs["speeds"] == "over ground"
+
+
 def test_clocks_of_two_units_are_an_error(tmp_path, run):
     folder = write(tmp_path / "run", run)
     text = (folder / "gyro.csv").read_text("utf-8")

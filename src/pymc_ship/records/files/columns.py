@@ -255,6 +255,9 @@ GROUND = {
 }
 """Quantities of a satellite receiver, of which channels are made."""
 
+PAIRS = {"sog": "cog", "latitude": "longitude"}
+"""Quantities of :data:`GROUND` that make channels together."""
+
 QUATERNION = {
     f"q{axis}": Channel(f"q{axis}", PURE_NUMBER, f"component {axis} of a quaternion", headings=(f"orientation {axis}",))
     for axis in "xyzw"
@@ -267,14 +270,20 @@ def is_over_ground(names: Collection[str]) -> bool:
     return {"sog", "cog", "psi"} <= set(names) and not {"u", "v"} & set(names)
 
 
-def check_course(columns: Mapping[str, Column], channels: Mapping[str, np.ndarray], where: str) -> None:
+def check_course(
+    columns: Mapping[str, Column], channels: Mapping[str, np.ndarray], time: np.ndarray, where: str
+) -> None:
     """Raise TrialError for a course over ground [rad] that keeps its value while the heading turns."""
     if not is_over_ground(columns):
         return
-    known = np.isfinite(channels["cog"] + channels["psi"])
-    course, heading = channels["cog"][known], np.rad2deg(np.unwrap(channels["psi"][known]))
+    order = np.argsort(time, kind="stable")
+    at, turned = (order[np.isfinite(channels[name] + time)[order]] for name in ("cog", "psi"))
+    if not at.size or not turned.size:
+        return
+    course = channels["cog"][at]
+    heading = np.rad2deg(np.interp(time[at], time[turned], np.unwrap(channels["psi"][turned])))
     changes = np.flatnonzero(np.diff(course) != 0.0) + 1
-    turn = max((float(np.ptp(part)) for part in np.split(heading, changes) if part.size), default=0.0)
+    turn = max(float(np.ptp(part)) for part in np.split(heading, changes))
     if changes.size < _FEWEST_CHANGES and turn > _LEAST_TURN:
         raise TrialError(
             f"{where}, column {columns['cog'].heading!r}: a course over ground turns with the ship, found one value "

@@ -13,7 +13,7 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
-from pymc_ship.records.files.columns import CODES, QUATERNION, SETTINGS, is_over_ground, quantities
+from pymc_ship.records.files.columns import CODES, GROUND, QUATERNION, SETTINGS, is_over_ground, quantities
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import OVER_GROUND
 
@@ -237,16 +237,22 @@ def with_ground(
     The velocities are those of the receiver, which the format then states. TrialError for positions that are none.
     """
     channels, notes = dict(channels), []
-    sog, cog, latitude, longitude = (channels.pop(name, None) for name in ("sog", "cog", "latitude", "longitude"))
-    if sog is not None and cog is not None and is_over_ground({*channels, "sog", "cog"}):
+    sog, cog, latitude, longitude = (channels.pop(name, None) for name in GROUND)
+    if sog is not None and cog is not None and is_over_ground({*channels, *GROUND}) and not _apart(sog, cog):
         channels |= {"u": sog * np.cos(cog), "v": sog * np.sin(cog)}
         layout = replace(layout, velocities=_RECEIVER, speeds=OVER_GROUND)
         notes.append("u, v from speed and course over ground: each trial has an unknown current.")
-    if latitude is not None and longitude is not None and not {"x", "y"} & set(channels):
+    has_track = bool({"x", "y"} & set(channels))
+    if latitude is not None and longitude is not None and not (has_track or _apart(latitude, longitude)):
         north, east, note = _local_plane(latitude, longitude, where)
         channels |= {"x": north, "y": east}
         notes.append(note)
     return channels, layout, notes
+
+
+def _apart(first: np.ndarray, second: np.ndarray) -> bool:
+    """Whether no row has both quantities, which have rows of their own."""
+    return bool(np.isfinite(first).any() and np.isfinite(second).any() and not np.isfinite(first + second).any())
 
 
 def _local_plane(latitude: np.ndarray, longitude: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray, str]:

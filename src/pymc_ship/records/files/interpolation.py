@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from pymc_ship.trial.record import second_difference_sd
@@ -86,6 +88,28 @@ def on_one_base(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tu
             based[name] = values[rows]
     late = [f"{name} every {steps[name]:.3g} s" for name in slow if steps[name] > 1.5 * step]
     return base, base_quantum, based, ["; ".join([note, *late]) + "."]
+
+
+def brought_together(time: np.ndarray, channels: Channels, pairs: Mapping[str, str]) -> tuple[Channels, list[str]]:
+    """Channels of which no row has both of a pair, at the stamps of the one with more cells; a sentence on each pair.
+
+    Angles of a pair are in rad, with jumps of a full turn.
+    """
+    based, notes = dict(channels), []
+    for pair in pairs.items():
+        known = {name: np.isfinite(channels[name] + time) for name in pair if name in channels}
+        counts = sorted(int(rows.sum()) for rows in known.values())
+        if len(counts) < 2 or counts[0] < 2 or 2 * (known[pair[0]] & known[pair[1]]).sum() >= counts[0]:
+            continue
+        base = max(known, key=lambda name: known[name].sum())
+        for name, rows in known.items():
+            order = np.flatnonzero(rows)[np.argsort(time[rows], kind="stable")]
+            stamps, values = time[order], channels[name][order]
+            values = values if name == "sog" else np.unwrap(values)
+            based[name] = np.full(time.size, np.nan)
+            based[name][known[base]] = _without_long_gaps(name, time[known[base]], stamps, values)
+        notes.append(f"{', '.join(pair)} of rows of their own: interpolated to the stamps of {base}.")
+    return based, notes
 
 
 def without_held_readings(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:

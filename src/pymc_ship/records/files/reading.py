@@ -20,6 +20,7 @@ from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanos
 from pymc_ship.records.files.columns import (
     GROUND,
     MISSING_CELLS,
+    PAIRS,
     ROS,
     SIDES,
     Column,
@@ -46,7 +47,7 @@ from pymc_ship.records.files.format import (
     with_signs,
     with_true_wind,
 )
-from pymc_ship.records.files.interpolation import interpolated
+from pymc_ship.records.files.interpolation import brought_together, interpolated
 from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
 from pymc_ship.records.files.tables import Columns, bag_of, binary_columns, cell_texts, check_size, nmea_columns
 from pymc_ship.records.files.time_base import Regular, regular, rounding
@@ -165,16 +166,18 @@ def _time_series(
     numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
     cells, cell_notes = table_cells(table, numeric, path)
     raw = {name: column.si(cells[name]) for name, column in numeric.items() if column is not clock}
-    check_course(columns, raw, where)
     channels, layout, sign_notes = _in_ship_axes(raw, stated, where)
     begins = [*table.begins.values()]
     if stamps:
         time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, channels, where, begins)
     else:
         time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels, begins)
-    if delays := {name: column.delay for name, column in columns.items() if column.delay}:
-        channels, layout, sign_notes = _in_ship_axes(_undelayed(raw, time, delays), stated, where)
-        sign_notes += [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
+    check_course(columns, raw, time, where)
+    delays = {name: column.delay for name, column in columns.items() if column.delay}
+    raw, pair_notes = brought_together(time, _undelayed(raw, time, delays), PAIRS)
+    if delays or pair_notes:
+        channels, layout, sign_notes = _in_ship_axes(raw, stated, where)
+        sign_notes += pair_notes + [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
     if table.begins:
         time, quantum, channels = _in_order(time, quantum, channels, table.begins)
     series = regular(time, quantum, channels, where)
