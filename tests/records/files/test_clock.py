@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, time, timedelta
 
 import numpy as np
 import pytest
@@ -54,6 +54,24 @@ def table(cells, heading="time", channels=None, delimiter=";"):
     return "\n".join([heading + delimiter + lines[0], *map(delimiter.join, zip(cells, lines[1:], strict=True))]) + "\n"
 
 
+def without_midnight(pattern, decimals=1):
+    """As :func:`dated`, without the time at midnight."""
+    return lambda date: dated(pattern if date.time() != time.min else pattern.split(" ")[0], decimals)(date)
+
+
+def without_zeros(pattern):
+    """As :func:`dated`, without a fraction that is zero."""
+    return lambda date: dated(pattern)(date).replace(".0", "", 1) if not date.microsecond else dated(pattern)(date)
+
+
+def ended(pattern):
+    """As :func:`dated`, midnight as 24:00 of the day before."""
+    day = timedelta(days=1)
+    return lambda date: (
+        dated(pattern)(date - day).replace("00:00:00", "24:00:00") if date.time() == time.min else dated(pattern)(date)
+    )
+
+
 EXCEL = datetime(1899, 12, 30, tzinfo=UTC)
 
 CLOCKS = {
@@ -65,6 +83,16 @@ CLOCKS = {
     "day first": (dated("%d.%m.%Y %H:%M:%S.%f"), "dates and times"),
     "month first": (dated("%m/%d/%Y %I:%M:%S.%f %p"), "dates and times"),
     "zone name": (dated("%Y-%m-%d %H:%M:%S.%f UTC"), "dates and times"),
+    "without midnight": (without_midnight("%d.%m.%Y %H:%M:%S.%f"), "from 2024-02-28 23:58:30 UTC"),
+    "month first without midnight": (without_midnight("%m/%d/%Y %H:%M:%S.%f"), "from 2024-02-28 23:58:30 UTC"),
+    "24:00": (ended("%d.%m.%Y %H:%M:%S.%f"), "from 2024-02-28 23:58:30 UTC"),
+    "ISO 8601 with 24:00": (ended("%Y-%m-%dT%H:%M:%S.%f"), "from 2024-02-28 23:58:30 UTC"),
+    "time of day with 24:00": (ended("%H:%M:%S.%f"), "hours, minutes and seconds, counted from 23:58:30.0"),
+    "without zeros": (without_zeros("%d/%m/%Y %H:%M:%S,%f"), "from 2024-02-28 23:58:30 UTC"),
+    "year of two digits": (dated("%y/%m/%d %H:%M:%S.%f"), "from 2024-02-28 23:58:30 UTC"),
+    "time of day in UTC": (dated("%H:%M:%S.%f UTC"), "hours, minutes and seconds, counted from 23:58:30.0"),
+    "time of day with Z": (dated("%H:%M:%S.%fZ"), "hours, minutes and seconds, counted from 23:58:30.0"),
+    "time of day with an offset": (dated("%H:%M:%S.%f+01:00"), "hours, minutes and seconds, counted from 23:58:30.0"),
     "time of day": (dated("%H:%M:%S.%f"), "hours, minutes and seconds, counted from 23:58:30.0"),
     "am and pm": (dated("%I:%M:%S.%f %p"), "hours, minutes and seconds"),
     "minutes": (dated("%M:%S.%f"), "minutes and seconds, counted from 58:30.0"),

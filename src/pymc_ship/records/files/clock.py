@@ -33,6 +33,10 @@ _HOURS = 24  # of a day
 _REPEATED = 1.5  # rows of one stamp, from which hours and minutes are as probable as minutes and seconds
 _DECIMALS = re.compile(r":\d{1,2}\.(\d+)")
 _ZONE_NAME = re.compile(r"\s+(?:UTC|GMT|[A-Z]{3,4})$")
+_ZONE = re.compile(r"\s*(?:Z|UTC|GMT|\s[A-Z]{3,4}|[+-]\d{2}:?\d{2})$")
+_DATE = re.compile(r"\d+([-/.])\w+\1\d+")  # without a time, as spreadsheets write midnight
+_WHOLE_SECONDS = re.compile(r"(:\d{2}:\d{2})(?![.\d])")
+_MIDNIGHT = re.compile(r"(?<![\d:.])24(:00(?::00(?:\.0*)?)?)(?![:\d])")  # the end of a day
 _NANOSECONDS = re.compile(r"(.*?)n(?:ano)?_?secs?(?:onds)?")
 
 Channels = dict[str, np.ndarray]
@@ -67,7 +71,7 @@ def clock_of_text(
     known = [k for k, cell in enumerate(cells) if cell]
     decimals = max((len(digits) for cell in cells for digits in _DECIMALS.findall(cell)), default=0)
     time, quantum = np.full(len(cells), np.nan), np.full(len(cells), 10.0**-decimals)
-    stamps = [cells[k] for k in known]
+    stamps = _without_zone([cells[k] for k in known])
     unit_notes: list[str] = []
     unit = "s"
     if not _TIME_OF_DAY.fullmatch(stamps[0]):
@@ -88,6 +92,23 @@ def clock_of_text(
     time, notes = _without_rollovers(time, period, 0.5 * period, begins)
     note = f"time from {column.heading!r}: {kind}, counted from {first}."
     return time - time[known[0]], quantum, [note, *unit_notes, *notes]
+
+
+def _without_zone(stamps: list[str]) -> list[str]:
+    """Times of day without the zone behind each of them; other stamps as they are."""
+    bare = [_ZONE.sub("", stamp) for stamp in stamps]
+    zones = {stamp[len(one) :] for stamp, one in zip(stamps, bare, strict=True)}
+    return bare if len(zones) == 1 and _TIME_OF_DAY.fullmatch(bare[0]) else stamps
+
+
+def _alike(stamps: list[str]) -> tuple[list[str], np.ndarray]:
+    """Dates and times of one pattern, at midnight and at whole seconds, too, and the days [s] to add for 24:00."""
+    timed = any(":" in stamp for stamp in stamps)
+    full = [f"{stamp} 00:00:00" if timed and _DATE.fullmatch(stamp) else stamp for stamp in stamps]
+    begun = [_MIDNIGHT.sub(r"00\1", stamp) for stamp in full]
+    days = DAY * np.array([one != stamp for one, stamp in zip(begun, full, strict=True)])
+    decimals = any(map(_DECIMALS.search, begun))
+    return [_WHOLE_SECONDS.sub(r"\1.0", stamp) if decimals else stamp for stamp in begun], days
 
 
 def _unit_of_pairs(cells: Sequence[str], column: Column, channels: Channels, where: str) -> tuple[str, list[str]]:
@@ -121,18 +142,19 @@ def _dates(stamps: list[str]) -> tuple[np.ndarray, str, str, float]:
     """Seconds from the first date and time, NaN for what is none; its kind, the first as text, its period."""
     import pandas as pd
 
-    stamps = [_ZONE_NAME.sub("", stamp) for stamp in stamps]
+    stamps, days = _alike([_ZONE_NAME.sub("", stamp) for stamp in stamps])
     readings: list[tuple[np.ndarray, str]] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # on formats that pandas guesses
-        for settings in ({"format": "ISO8601"}, {}, {"dayfirst": True}, {"format": "mixed"}):
+        for settings in ({"format": "ISO8601"}, {}, {"dayfirst": True}, {"yearfirst": True}, {"format": "mixed"}):
             if readings and "format" in settings:
                 continue
             try:
                 dates = pd.to_datetime(stamps, utc=True, **settings)
             except (ValueError, OverflowError, TypeError):
                 continue
-            readings.append((np.asarray((dates - dates[0]).total_seconds(), dtype=float), _date_text(dates[0])))
+            passed = np.asarray((dates - dates[0]).total_seconds(), dtype=float) + days - days[0]
+            readings.append((passed, _date_text(dates[0])))
             if settings.get("format") == "ISO8601":
                 break
         if not readings:
@@ -157,6 +179,7 @@ def _times_of_day(stamps: list[str], last: str) -> tuple[np.ndarray, str, str, f
             hours = int(hour or 0) if not half else int(hour or 0) % 12 + 12 * (half.lower() == "pm")
             seconds[k] = 3600.0 * hours + 60.0 * int(minute) + float(second)
     has_hours = stamps[0].count(":") == 2 or last == "min"
+    seconds = seconds % DAY if has_hours and np.nanmax(seconds) == DAY else seconds  # 24:00 ends a day
     period = DAY if has_hours else 3600.0
     kind = "hours, minutes and seconds" if has_hours else "minutes and seconds"
     kind = "hours and minutes" if last == "min" else kind
