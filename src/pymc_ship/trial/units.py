@@ -42,47 +42,58 @@ class Unit:
         return math.degrees(1.0) if "rad" in self.name else 1.0
 
 
+_WORDS = {
+    r"[\s_]per[\s_]": "/",
+    r"_": "/",
+    r"[°º]": "deg",
+    r"\bdegrees?\b": "deg",
+    r"\bradians?\b": "rad",
+    r"\bsec(?:ond)?s?\b": "s",
+    r"\bminutes?\b": "min",
+    r"\bhours?\b": "h",
+    r"\bmet(?:re|er)s?\b": "m",
+    r"[\s.·^*]": "",
+    r"(s|min)-1$": r"/\1",
+    r"^/": "1/",
+}
+"""Patterns in units, and what they are read as, in their order."""
+
+
 def spelling(unit: str) -> str:
-    """Unit in lower case, without brackets, spaces and multiplication signs."""
-    plain = unit.strip().strip("[](){}").lower().replace("°", "deg").replace("_per_", "/").replace("_", "/")
-    return re.sub(r"[\s.·^*]", "", plain)
+    """Unit in lower case, without brackets, spaces and multiplication signs; words and powers as symbols."""
+    plain = unit.strip().strip("[](){}").lower()
+    for pattern, symbol in _WORDS.items():
+        plain = re.sub(pattern, symbol, plain)
+    return plain
 
 
 PURE_NUMBER = Unit("1", {"1": 1.0, "-": 1.0}, froude=0.0)
 SECOND = Unit(
     "s",
-    {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-    | {"min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0, "days": 86400.0},
+    {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "days": 86400.0},
     froude=0.5,
 )
 METRE = Unit(
     "m",
-    {"m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "mm": 1e-3, "km": 1e3, "ft": _FOOT}
-    | dict.fromkeys(("nmi", "nautical miles"), 1852.0),
+    {"m": 1.0, "mm": 1e-3, "km": 1e3, "ft": _FOOT} | dict.fromkeys(("nmi", "nauticalmiles"), 1852.0),
     froude=1.0,
 )
 METRE_PER_SECOND = Unit(
     "m/s",
-    {"m/s": 1.0, "ms-1": 1.0, "km/h": 1 / 3.6, "ft/s": _FOOT}
-    | dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), KNOT),
+    {"m/s": 1.0, "ft/s": _FOOT}
+    | dict.fromkeys(("km/h", "kmh", "kph"), 1 / 3.6)
+    | dict.fromkeys(("kn", "kt", "kts", "knot", "knots", "knt", "knts"), KNOT),
     froude=0.5,
 )
 RADIAN = Unit(
     "rad",
-    {"rad": 1.0, "radian": 1.0, "radians": 1.0}
-    | dict.fromkeys(("deg", "degree", "degrees", "degrees/north", "degrees/east", "degree/true"), _DEG),
+    {"rad": 1.0} | dict.fromkeys(("deg", "deg/north", "deg/east", "deg/true", "degtrue", "degt"), _DEG),
     froude=0.0,
 )
-RADIAN_PER_SECOND = Unit(
-    "rad/s",
-    {"rad/s": 1.0, "rads-1": 1.0, "rad/sec": 1.0, "deg/min": _DEG / 60.0}
-    | dict.fromkeys(("deg/s", "degs-1", "deg/sec", "degree/s", "degrees/s", "degrees/sec"), _DEG),
-    froude=-0.5,
-)
+RADIAN_PER_SECOND = Unit("rad/s", {"rad/s": 1.0, "deg/s": _DEG, "deg/min": _DEG / 60.0}, froude=-0.5)
 REVOLUTION_PER_SECOND = Unit(
     "rev/s",
-    dict.fromkeys(("rev/s", "rps", "hz", "1/s", "s-1"), 1.0)
-    | dict.fromkeys(("rpm", "rev/min", "1/min", "min-1"), 1 / 60.0),
+    dict.fromkeys(("rev/s", "rps", "hz", "1/s"), 1.0) | dict.fromkeys(("rpm", "rev/min", "1/min", "r/min"), 1 / 60.0),
     froude=-0.5,
 )
 NEWTON = Unit("N", {"n": 1.0, "kn": 1e3, "mn": 1e6}, froude=3.0)

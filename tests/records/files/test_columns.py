@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.files.columns import matched_columns, receiver_stand_ins
 from pymc_ship.trial.channels import file_columns
 from pymc_ship.trial.units import METRE
@@ -54,6 +55,22 @@ def matched(*headings, units=None, **chosen):
         ("Propeller rpm", "n", 1.0 / 60.0),
         ("thrust [kN]", "thrust", 1e3),
         ("Torque [kN m]", "torque", 1e3),
+        ("yaw rate [degree s-1]", "r", DEG),
+        ("yaw rate [degrees sec-1]", "r", DEG),
+        ("yaw rate [radian s-1]", "r", 1.0),
+        ("ROT [degrees/minute]", "r", DEG / 60.0),
+        ("heading [degrees_true]", "psi", DEG),
+        ("heading [°T]", "psi", DEG),
+        ("heading [º]", "psi", DEG),
+        ("STW [m/sec]", "u", 1.0),
+        ("STW [metres per second]", "u", 1.0),
+        ("STW [kmh]", "u", 1.0 / 3.6),
+        ("STW [knt]", "u", KNOT),
+        ("Northing [nautical miles]", "x", 1852.0),
+        ("rpm [min-1]", "n", 1.0 / 60.0),
+        ("shaft speed [s-1]", "n", 1.0),
+        ("lat [degree_north]", "latitude", DEG),
+        ("lon [degree_east]", "longitude", DEG),
     ],
 )
 def test_a_heading_is_understood(heading, channel, factor):
@@ -67,11 +84,35 @@ def test_a_heading_is_understood(heading, channel, factor):
 
 
 @pytest.mark.parametrize(
-    ("heading", "factor"), [("Time", 1), ("t", 1), ("t [ms]", 1e-3), ("Time (min)", 60), ("time_s", 1)]
+    ("heading", "factor"),
+    [
+        ("Time", 1),
+        ("t", 1),
+        ("t [ms]", 1e-3),
+        ("Time (min)", 60),
+        ("time_s", 1),
+        ("Elapsed [s]", 1),
+        ("Time since start [s]", 1),
+        ("Clock [min]", 60),
+    ],
 )
 def test_time_is_understood(heading, factor):
     columns, _ = matched_columns([heading, "u"], ["", ""], {}, "run.csv")
     assert columns["time"].factor == factor
+
+
+@pytest.mark.parametrize("name", ["Time", "UTC", "DateTime", "Time of day", "Timestamp"])
+@pytest.mark.parametrize(
+    "bracket", ["UTC", "UTC+1", "CET", "local", "ISO 8601", "hh:mm:ss", "HH:MM:SS.sss", "dd/mm/yy hh:mm"]
+)
+def test_a_zone_or_a_pattern_is_no_unit_of_time(name, bracket):
+    for heading, below in ((f"{name} ({bracket})", ""), (name, bracket)):
+        columns, _ = matched_columns([heading, "u"], [below, "m/s"], {}, "run.csv")
+        assert not columns["time"].stated
+        chosen = {"time": {"column": heading}}
+        assert not matched_columns([heading, "u"], [below, "m/s"], chosen, "run.csv")[0]["time"].stated
+    with refused(TrialError, "psi", bracket.split(" ")[0]):
+        matched(f"psi [{bracket}]")
 
 
 def test_a_row_of_units_below_the_header():

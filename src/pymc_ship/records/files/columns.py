@@ -20,6 +20,13 @@ _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/
 """Units of quantities that are not channels of a trial, such as power P or temperature T."""
 
 
+_OF_CLOCK = re.compile(
+    r"(?:(?:ut|utc|gmt|[a-z]{2,3}t)?(?:[-+]\d{1,2}(?::?\d{2})?)?|z|lt|(?:local|ship)(?: time)?|iso(?:[ -]?8601)?"
+    r"|(?:(?:%[a-z]|[ymdhsf]{2,4}|[hms](?=:|$))(?:[-:/., t]+|$)){2,}|hhmmss(?:\.s+)?)",
+    re.IGNORECASE,
+)
+"""Zones, and patterns of dates and times, that stand for a unit of time and are none."""
+
 SI_UNIT = "no other stated"
 """What a unit is known by if neither the file nor its format states it."""
 
@@ -323,7 +330,7 @@ def name_and_unit(heading: str) -> tuple[str, str | None]:
     """Lower-case name and unit of a heading such as ``u [m/s]``, ``r_deg/s``, ``U kn``."""
     bracketed = re.fullmatch(r"(.*?)\s*[\[({]([^\])}]*)[\])}]\s*", heading)
     if bracketed:
-        return plain_name(bracketed[1]), bracketed[2].strip() or None
+        return plain_name(bracketed[1]), _unit_of(plain_name(bracketed[1]), bracketed[2].strip())
     if _channels_named(plain_name(heading)):
         return plain_name(heading), None
     for separator in re.finditer(r"[_\s,/]+", heading):
@@ -331,6 +338,11 @@ def name_and_unit(heading: str) -> tuple[str, str | None]:
         if _channels_named(name) and is_unit(unit):
             return name, unit
     return plain_name(heading), None
+
+
+def _unit_of(name: str, stated: str) -> str | None:
+    """Unit that is stated of a column; None without one, and for a zone or a pattern of a clock."""
+    return None if not stated or (TIME in _channels_named(name) and _OF_CLOCK.fullmatch(stated)) else stated
 
 
 def plain_name(name: str) -> str:
@@ -425,7 +437,8 @@ def clock_column(headings: Sequence[str], units: Sequence[str], stated: str, whe
             "take the file out of the folder."
         )
     index = min(named, key=lambda k: _clock_rank(headings[k]))
-    return index, name_and_unit(headings[index])[1] or units[index]
+    name, unit = name_and_unit(headings[index])
+    return index, unit or _unit_of(name, units[index]) or ""
 
 
 def _clock_rank(heading: str) -> int:
@@ -466,7 +479,7 @@ def _column_of_heading(
     channels = _channels_named(name)
     if not channels:
         return None
-    unit = stated or unit_below or (name if channels[0].unit.factor(name) else None)
+    unit = stated or _unit_of(name, unit_below) or (name if channels[0].unit.factor(name) else None)
     if not unit:
         return _without_unit(index, heading, channels, where, unstated)
     unit_by = "its name" if unit != unit_below or stated else "the file"
@@ -545,7 +558,7 @@ def _chosen_column(
     sources = (
         ("the format file", choice.get("unit")),
         ("its name", name_and_unit(wanted)[1]),
-        ("the file", units[matched[0]]),
+        ("the file", _unit_of(name_and_unit(wanted)[0], units[matched[0]])),
         ("the format file", unstated),
         (SI_UNIT, channel.unit.name),
     )
