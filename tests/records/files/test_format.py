@@ -152,6 +152,33 @@ def test_titles_before_the_header_need_no_format(run, tmp_path, titles):
     assert trial.attrs["reading"].splitlines()[0] == "2 lines before the header left out."
 
 
+PADDED = "M/T Example, zigzag 20/20;;;;;;;;;\nWind 2 Bft;;;;;;;;;\n;;;;;;;;;"
+
+
+@pytest.mark.parametrize("titles", ["Basin; run 7\nwind;2 Bft", PADDED, "\n".join(f"note {k}" for k in range(60))])
+@pytest.mark.parametrize("end", ["", "1.5;2.5", "End of file; 400 rows", "sum;of;squares;0"])
+def test_titles_before_the_header_with_an_odd_last_line(run, tmp_path, titles, end):
+    path = tmp_path / "run.csv"
+    path.write_text(f"{titles}\n{written(columns(run), ';')}{end}")
+    trial = ps.read_trial(path)
+    np.testing.assert_array_equal(trial["u"], run["u"])
+    assert f"{titles.count(chr(10)) + 1} lines before the header left out." in trial.attrs["reading"]
+    assert ("breaks off" in trial.attrs["reading"]) is bool(end)
+
+
+@pytest.mark.parametrize("quote", ["", 'note "5\n'])
+def test_headings_with_line_breaks_and_other_spaces(run, tmp_path, quote):
+    names = ["time [s]", "u [m/s]", "v\n[m/s]", "yaw\nrate\n[rad/s]", "p\u00a0[rad/s]", "roll angle [rad]"]
+    names += ["Heading\u202f[rad]", "x [m]", "y [m]", "Rudder\nangle [rad]"]
+    header = [f'"{name}"' if "\n" in name else name for name in names]
+    path = tmp_path / "run.csv"
+    path.write_text(quote + written(columns(run), ";", header))
+    trial = ps.read_trial(path)
+    for name in ("v", "r", "p", "psi", "delta"):
+        np.testing.assert_array_equal(trial[name], run[name], err_msg=name)
+    assert "r from 'yaw rate [rad/s]' in rad/s, p from 'p [rad/s]'" in trial.attrs["reading"]
+
+
 def test_a_short_header_is_no_title(run, tmp_path):
     path = tmp_path / "run.csv"
     path.write_text(written(columns(run), header=list(NAMES[:-2])))

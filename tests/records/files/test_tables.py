@@ -179,3 +179,12 @@ def test_a_workbook_may_have_titles_and_a_row_of_units(run, tmp_path):
     trial = ps.read_trial(path)
     for name in MOTION:
         np.testing.assert_allclose(trial[name], run[name], rtol=1e-12, atol=1e-13, err_msg=name)
+
+
+def test_headings_of_a_workbook_have_line_breaks(run, tmp_path):
+    names = {"time": "Time\n[s]", "u": "STW\n[m/s]", "psi": "Heading\u00a0[rad]", "delta": "Rudder\nangle\n[rad]"}
+    sheets(tmp_path / "run.xlsx", {"run": rows_of({heading: columns(run)[name] for name, heading in names.items()})})
+    trial = ps.read_trial(tmp_path / "run.xlsx")
+    np.testing.assert_allclose(trial["psi"], run["psi"], atol=1e-12)
+    np.testing.assert_allclose(np.abs(trial["delta"]), np.abs(run["delta"]), atol=1e-12)
+    assert "delta from 'Rudder angle [rad]' in rad" in trial.attrs["reading"]

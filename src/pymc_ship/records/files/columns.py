@@ -328,7 +328,7 @@ def letters_of(heading: str) -> tuple[str, Mapping[str, str]]:
 
 def name_and_unit(heading: str) -> tuple[str, str | None]:
     """Lower-case name and unit of a heading such as ``u [m/s]``, ``r_deg/s``, ``U kn``."""
-    bracketed = re.fullmatch(r"(.*?)\s*[\[({]([^\])}]*)[\])}]\s*", heading)
+    bracketed = re.fullmatch(r"(.*?)\s*[\[({]([^\])}]*)[\])}]\s*", heading, re.DOTALL)
     if bracketed:
         return plain_name(bracketed[1]), _unit_of(plain_name(bracketed[1]), bracketed[2].strip())
     if _channels_named(plain_name(heading)):

@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -55,9 +57,10 @@ from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
 
 _COMMENTS = ("#", "%")
-_FEWEST_LINES, _MOST_TITLES = 4, 50  # lines of a table that have titles before the header, and the most of these
+_FEWEST_LINES, _MOST_TITLES = 4, 200  # lines of a table that have titles before the header, and the most of these
 _LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
 _SIDES = ("port", "starboard")
+_OPEN_QUOTE = re.compile(r'(?:^|[,;\t])"[^"]*$')  # of a cell that goes on in the next line
 _BESIDE = frozenset(("", "n/s", "ns", "e/w", "ew", "p/s", "ps", "side", "dir", "direction", "hemisphere"))
 _AROUND_UNITS = " []{}()-"
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
@@ -244,7 +247,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
         return _with_bare_numbers(_table_of_series(*binary))
     text = _text(path)
     check_size(path, [max(map(text.count, "\n\r"))])
-    lines = re.split(r"\r\n|\n|\r", text)
+    lines = _unbroken(re.split(r"\r\n|\n|\r", text))
     if log := nmea_columns(lines, path):
         return _table_of_log(*log)
     skipped = layout.skip_rows
@@ -369,17 +372,28 @@ def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]
     return [*before[-1:], *content]
 
 
+def _unbroken(lines: list[str]) -> list[str]:
+    """Lines with each quoted heading in one of them; those that it took are empty."""
+    lines = list(lines)
+    for k in [k for k, line in enumerate(lines[:_MOST_TITLES]) if _OPEN_QUOTE.search(line)]:
+        quotes = accumulate(line.count('"') for line in lines[k : k + _MOST_TITLES])
+        last = k + next((more for more, count in enumerate(quotes) if count % 2 == 0), 0)
+        taken = lines[k + 1 : last + 1]
+        if not any(_is_number(_cells_of_line(line, _delimiter(line))[0]) for line in taken if line.strip()):
+            lines[k : last + 1] = [" ".join([lines[k], *taken]), *[""] * len(taken)]
+    return lines
+
+
 def _titles(content: list[tuple[int, str]], delimiter: str) -> int:
-    """Number of lines of another width before the header, which is as wide as the rows at the end of the file."""
-    if len(content) < _FEWEST_LINES:
-        return 0
-    mark = delimiter or _delimiter(content[-1][1])
-    width = len(_cells_of_line(content[-1][1], mark))
-    if mark == " " or any(len(_cells_of_line(line, mark)) != width for _, line in content[-_FEWEST_LINES:]):
+    """Number of lines before the header, which is filled, of words, and as wide as most rows at the end of the file."""
+    ends = [line for _, line in content[-2 * _FEWEST_LINES :]]
+    mark = delimiter or Counter(map(_delimiter, ends)).most_common(1)[0][0] if ends else " "
+    width, rows = Counter(len(_cells_of_line(line, mark)) for line in ends).most_common(1)[0] if ends else (0, 0)
+    if mark == " " or len(content) < _FEWEST_LINES or rows <= 0.5 * len(ends):
         return 0
     for titles, (_, line) in enumerate(content[:_MOST_TITLES]):
         cells = _cells_of_line(line, mark)
-        if len(cells) == width:
+        if len(cells) == width and sum(map(bool, map(str.strip, cells))) > 0.5 * width:
             return 0 if _is_unit_row(cells) or any(map(_is_number, cells)) else titles
     return 0
 
@@ -414,7 +428,8 @@ def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
 
 def _heading(text: str) -> str:
     """First letters of a heading, those that are not printed replaced."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text[:_LONGEST_HEADING])
+    plain = re.sub(r"\s", " ", plain_text(text[:_LONGEST_HEADING]))
+    return "".join(letter if letter.isprintable() else "?" for letter in plain)
 
 
 def _is_unit_row(cells: list[str]) -> bool:
