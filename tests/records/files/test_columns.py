@@ -115,6 +115,33 @@ def test_a_zone_or_a_pattern_is_no_unit_of_time(name, bracket):
         matched(f"psi [{bracket}]")
 
 
+@pytest.mark.parametrize(
+    ("letter", "write"), [("P", "P [rad/s]"), ("N", "N [rev/s]"), ("V", "V [m/s]"), ("X", "X [m]")]
+)
+def test_a_capital_letter_needs_a_unit(letter, write):
+    """P may be power, N the number of a row or the northing."""
+    columns, notes = matched("u", "psi", letter)
+    assert list(columns) == ["time", "u", "psi"]
+    assert notes == [
+        f"Columns left out: {letter} (a capital letter without a unit; for the channel {letter.lower()}, "
+        f"write '{write}')."
+    ]
+    unit = write.split("[")[1][:-1]
+    for columns, _ in (
+        matched("psi", f"{letter} [{unit}]"),
+        matched("psi", letter, units=["rad", unit]),
+        matched("psi", letter.lower()),
+        matched("psi", letter, **{letter.lower(): {"column": letter}}),
+    ):
+        assert set(columns) == {"time", "psi", letter.lower()}
+
+
+def test_capital_letters_of_a_state_or_a_track_are_channels_together():
+    columns, notes = matched("U", "V", "R", "X", "Y", "P", "N")
+    assert list(columns) == ["time", "u", "v", "r", "x", "y"]
+    assert "P (a capital" in notes[-1]
+
+
 def test_a_row_of_units_below_the_header():
     columns, notes = matched("Heading", "u", "x", units=["deg", "kn", ""])
     assert [columns[name].factor for name in ("psi", "u", "x")] == [DEG, KNOT, 1.0]

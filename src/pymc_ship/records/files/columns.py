@@ -33,6 +33,10 @@ SI_UNIT = "no other stated"
 ROS = "a heading of ROS"
 """What a channel is known by whose heading is a field of a ROS message, such as ``pose.pose.position.x``."""
 
+_CAPITAL = re.compile(r"[A-SU-Z]")
+_TOGETHER = ({"U", "V", "R"}, {"X", "Y"})
+"""Capital letters that are channels without a unit where all of them are there; P may be power, N a row or north."""
+
 _PART = re.compile(r"(?:^|[ /])(position|orientation|linear|angular|angular velocity)[ /]([xyzw])$")
 _ROS_FIELD = re.compile(
     r"(?:position|orientation|linear|angular|angular_velocity)[./][xyzw]\b"
@@ -383,7 +387,9 @@ def matched_columns(
 
 
 def nearest_heading(heading: str, matched: Mapping[str, Column]) -> str:
-    """Question after the usual heading nearest to a misspelt one, of channels that no column has; empty if none is."""
+    """Remark on an unused heading: a capital letter, or a misspelt one of a channel that no column has; else empty."""
+    if _CAPITAL.fullmatch(heading) and (channels := channels_of(heading)):
+        return f" (a capital letter without a unit; for the channel {channels[0].name}, write {_with_unit(heading)})"
     lacking = [one for name, one in quantities().items() if name not in matched]
     name, known = name_and_unit(heading)[0], [word for one in lacking for word in (one.name, *one.headings)]
     return "" if name.lower() in map(str.lower, known) else did_you_mean(name, known)
@@ -401,8 +407,15 @@ def _candidates(
     left_out: list[str] = []
     candidates_by_channel: dict[str, list[Column]] = {}
     errors: dict[str, TrialError] = {}
+    capitals = {
+        heading for heading, unit in zip(headings, units, strict=True) if _CAPITAL.fullmatch(heading) and not unit
+    }
+    capitals -= {letter for letters in _TOGETHER if capitals >= letters for letter in letters}
     for index, heading in enumerate(headings):
         if index in taken or not heading:
+            continue
+        if heading in capitals:
+            left_out.append(heading)
             continue
         column = None
         try:
