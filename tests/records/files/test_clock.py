@@ -256,3 +256,36 @@ class TestStampsOfTwoNumbers:
         trial = read(table(cells, channels=motion(np.arange(600.0))))
         assert trial.sizes["time"] == 600
         assert float(np.diff(trial["time"]).mean()) == pytest.approx(1.0, rel=0.01)
+
+
+@pytest.mark.parametrize("coarse", [dated("%H:%M"), dated("%d.%m.%Y %H:%M"), dated("%Y-%m-%d"), lambda date: "5"])
+@pytest.mark.parametrize("name", ["Time", "time"])
+def test_an_exact_clock_precedes_a_coarse_one(read, coarse, name):
+    cells = [f"{cell};{STEP * k}" for k, cell in enumerate(stamps(coarse))]
+    trial = read(table(cells, f"{name};t [s]"))
+    np.testing.assert_allclose(trial["time"], STEP * np.arange(COUNT), atol=1e-9)
+    assert f"Columns left out: {name}." in trial.attrs["reading"]
+    assert "time from 't [s]'" not in read(table(stamps(dated("%H:%M:%S.%f")), name)).attrs["reading"]
+
+
+@pytest.mark.parametrize(
+    ("heading", "form"),
+    [
+        ("Year;Month;Day;Hour;Min;Sec", dated("%Y;%m;%d;%H;%M;%S.%f")),
+        (
+            "day;month;year;hour;minute;second",
+            lambda date: f"{date.day};{date.month};{date:%y;%H};{date.minute};{date:%S,%f}",
+        ),
+        ("Hour [h];Minutes [min];Seconds [s]", lambda date: f"{date.hour};{date.minute};{date.second}.{date:%f}"),
+    ],
+)
+def test_parts_of_a_date_make_a_stamp(read, heading, form):
+    trial = read(table(stamps(form), heading))
+    np.testing.assert_allclose(trial["time"], STEP * np.arange(COUNT), atol=1e-6)
+    assert trial.attrs["reading"].startswith("Stamps of '")
+
+
+def test_stamps_that_do_not_tell_the_rows_apart_are_refused(read):
+    begin = (BEGIN - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
+    with refused(ps.TrialError, "time", COUNT):
+        read(table([f"{begin + STEP * k:.7E}" for k in range(COUNT)]))

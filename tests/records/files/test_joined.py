@@ -77,6 +77,14 @@ def test_clocks_of_several_files_start_again_at_midnight(tmp_path, run, clock, c
     assert "time: the clock starts again 1 time, as at midnight; 86400 s added each time." in trial.attrs["reading"]
 
 
+def test_a_coarse_clock_of_one_file_is_not_read(tmp_path, run):
+    folder = write(tmp_path / "run", run)
+    exact = ps.read_trial(folder)
+    lines = (folder / "gyro.csv").read_text("utf-8").splitlines()
+    (folder / "gyro.csv").write_text("\n".join([f"time,{lines[0]}", *(f"08:00,{line}" for line in lines[1:])]), "utf-8")
+    np.testing.assert_array_equal(ps.read_trial(folder)["psi"], exact["psi"])
+
+
 def test_a_heading_of_two_files_has_the_name_of_the_second(tmp_path, run):
     folder = write(tmp_path / "run", run)
     text = (folder / "gyro.csv").read_text("utf-8")

@@ -152,7 +152,11 @@ test_trial_errors = wording(
         r"psi is to be read from one column, found 'Heading \[deg\]', 'yaw_deg'; name",
         lambda: matched("Heading [deg]", "yaw_deg"),
     ),
-    ("found 'u', 'u'", lambda: matched("u", "u")),
+    ("found 'u', 'u'; rename one of them, or take it out", lambda: matched("u", "u")),
+    (
+        "tells the rows of a trial apart, found 2 different stamps in 50 rows; write the time with more digits",
+        lambda: regularised(np.repeat([0.0, 1.0], 25), signal(np.arange(50.0))),
+    ),
     *(
         (
             r"run.csv: columns are time and any of u, v, .*; rename one or name it",

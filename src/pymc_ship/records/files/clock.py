@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.records.files.columns import Column, plain_name
+from pymc_ship.records.files.columns import Column, name_and_unit, plain_name
 
 DAY, WEEK = 86400.0, 604800.0
 _EPOCH = (1e9, 2.6e9)  # s since 1970: September 2001 to 2052
@@ -39,6 +39,15 @@ _WHOLE_SECONDS = re.compile(r"(:\d{2}:\d{2})(?![.\d])")
 _MIDNIGHT = re.compile(r"(?<![\d:.])24(:00(?::00(?:\.0*)?)?)(?![:\d])")  # the end of a day
 _NANOSECONDS = re.compile(r"(.*?)n(?:ano)?_?secs?(?:onds)?")
 
+_DATE_PARTS = (
+    {"year", "yyyy"},
+    {"month", "mon"},
+    {"day", "day of month"},
+    {"hour", "hours", "hh"},
+    {"min", "minute", "minutes"},
+    {"sec", "secs", "second", "seconds", "ss"},
+)
+
 Channels = dict[str, np.ndarray]
 Clock = tuple[np.ndarray, np.ndarray, list[str]]  # stamps [s], their resolution [s], sentences
 
@@ -52,6 +61,24 @@ def nanosecond_columns(headings: Sequence[str]) -> dict[int, int]:
         seconds = [f"{matched[1]}{word}" for word in ("sec", "secs", "seconds")] if matched else []
         found |= {names.index(other): index for other in seconds if other in names}
     return found
+
+
+def date_columns(headings: Sequence[str]) -> list[int]:
+    """Columns of year, month, day, hour, minute and second, or of the last three; empty without them."""
+    names = [name_and_unit(heading)[0] for heading in headings]
+    found = [next((k for k, name in enumerate(names) if name in known), -1) for known in _DATE_PARTS]
+    return found if -1 not in found else found[3:] if -1 not in found[3:] else []
+
+
+def stamp_of_parts(parts: Sequence[str]) -> str:
+    """Stamp of the parts of a date and time, or of a time; empty where one lacks."""
+    whole, _, decimals = parts[-1].strip().replace(",", ".").partition(".")
+    try:
+        *date, hour, minute, second = (int(float(part.replace(",", "."))) for part in (*parts[:-1], whole))
+    except (ValueError, OverflowError):
+        return ""
+    begin = f"{date[0] + 2000 * (date[0] < 100):04d}-{date[1]:02d}-{date[2]:02d}T" if date else ""
+    return f"{begin}{hour:02d}:{minute:02d}:{second:02d}" + (f".{decimals}" if decimals else "")
 
 
 def clock_of_text(

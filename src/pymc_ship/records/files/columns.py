@@ -360,12 +360,13 @@ def matched_columns(
     chosen: Mapping[str, Mapping[str, Any]],
     where: str,
     unstated: Mapping[str, str] = MappingProxyType({}),
+    coarse: Collection[int] = (),
 ) -> tuple[dict[str, Column], list[str]]:
     """Columns of a file by channel, time first, and sentences on interpreted and unused headings.
 
     ``units`` is the row below the headings; ``chosen`` (channel -> an entry of the format) precedes
-    them; ``unstated`` are units of channels without one, if not SI. TrialError for a column that is missing, ambiguous
-    or without a readable unit.
+    them; ``unstated`` are units of channels without one, if not SI; ``coarse`` the clocks whose stamps repeat.
+    TrialError for a column that is missing, ambiguous or without a readable unit.
     """
     matched = {
         name: _chosen_column(quantities()[name], choice, headings, units, unstated.get(name), where)
@@ -373,7 +374,7 @@ def matched_columns(
     }
     left_out, candidates_by_channel = _candidates(headings, units, matched, where, unstated)
     for channel, columns in candidates_by_channel.items():
-        matched[channel] = _single_column(channel, columns, where)
+        matched[channel] = _single_column(channel, columns, where, coarse)
         left_out += [column.heading for column in columns if column is not matched[channel]]
     hints = {heading: nearest_heading(heading, matched) for heading in left_out}
     if "time" not in matched or len(matched) < 2:
@@ -440,7 +441,9 @@ def _candidates(
     return left_out, candidates_by_channel
 
 
-def clock_column(headings: Sequence[str], units: Sequence[str], stated: str, where: str) -> tuple[int, str]:
+def clock_column(
+    headings: Sequence[str], units: Sequence[str], stated: str, where: str, coarse: Collection[int]
+) -> tuple[int, str]:
     """Index of the column of time, ``stated`` by its heading or known by it, and its unit; TrialError without one."""
     named = [k for k, heading in enumerate(headings) if heading == stated]
     named = named or [k for k, heading in enumerate(headings) if TIME in _channels_named(name_and_unit(heading)[0])]
@@ -449,7 +452,7 @@ def clock_column(headings: Sequence[str], units: Sequence[str], stated: str, whe
             f"{where}: each file of a run has a column of time, found {', '.join(headings)!r}; rename one to time, or "
             "take the file out of the folder."
         )
-    index = min(named, key=lambda k: _clock_rank(headings[k]))
+    index = min(named, key=lambda k: (k in coarse, _clock_rank(headings[k])))
     name, unit = name_and_unit(headings[index])
     return index, unit or _unit_of(name, units[index]) or ""
 
@@ -472,14 +475,16 @@ def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[s
     return [*notes, f"Columns left out: {', '.join(left_out)}."] if left_out else notes
 
 
-def _single_column(channel: str, columns: list[Column], where: str) -> Column:
-    candidates = [column for column in columns if column.heading == channel] or columns
+def _single_column(channel: str, columns: list[Column], where: str, coarse: Collection[int]) -> Column:
+    exact = [column for column in columns if column.index not in coarse] or columns
+    candidates = [column for column in exact if column.heading == channel] or exact
     if channel == TIME.name:  # clocks of a file show the same time
         return min(candidates, key=lambda column: _clock_rank(column.heading))
     if len(candidates) > 1:
-        names = ", ".join(repr(column.heading) for column in candidates)
+        names = [column.heading for column in candidates]
+        remedy = "name one of them in a format file" if len({*names}) > 1 else "rename one of them, or take it out"
         raise TrialError(
-            f"{where}: {channel} is to be read from one column, found {names}; name one of them in a format file."
+            f"{where}: {channel} is to be read from one column, found {', '.join(map(repr, names))}; {remedy}."
         )
     return candidates[0]
 

@@ -18,7 +18,13 @@ import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import TextError, file_text
-from pymc_ship.records.files.clock import clock_of_numbers, clock_of_text, nanosecond_columns
+from pymc_ship.records.files.clock import (
+    clock_of_numbers,
+    clock_of_text,
+    date_columns,
+    nanosecond_columns,
+    stamp_of_parts,
+)
 from pymc_ship.records.files.columns import (
     GROUND,
     MISSING_CELLS,
@@ -28,6 +34,7 @@ from pymc_ship.records.files.columns import (
     Column,
     bare_numbers,
     cell_numbers,
+    channels_of,
     check_course,
     clock_column,
     is_over_ground,
@@ -53,7 +60,7 @@ from pymc_ship.records.files.interpolation import brought_together, interpolated
 from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
 from pymc_ship.records.files.tables import Columns, bag_of, binary_columns, cell_texts, check_size, nmea_columns
 from pymc_ship.records.files.time_base import Regular, regular, rounding
-from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.channels import CHANNELS, TIME
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
 
 _COMMENTS = ("#", "%")
@@ -61,6 +68,7 @@ _FEWEST_LINES, _MOST_TITLES = 4, 200  # lines of a table that have titles before
 _LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
 _SIDES = ("port", "starboard")
 _OPEN_QUOTE = re.compile(r'(?:^|[,;\t])"[^"]*$')  # of a cell that goes on in the next line
+_REPEATED = 1.5  # rows of one stamp, in the mean, from which another clock precedes
 _BESIDE = frozenset(("", "n/s", "ns", "e/w", "ew", "p/s", "ps", "side", "dir", "direction", "hemisphere"))
 _AROUND_UNITS = " []{}()-"
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
@@ -119,7 +127,7 @@ class FileReading:
 def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = None) -> FileReading:
     """Trial of a file as by :func:`read_trial`, with what each column was taken for."""
     path, given = bag_of(Path(path)), load_format(format)
-    table = _with_nanoseconds(text_table(path, given))
+    table = _with_whole_stamps(text_table(path, given))
     columns, stated, notes = _chosen_columns(table, given, str(path))
     (time, channels, time_notes, rows_lost), layout = _time_series(table, columns, stated, path)
     notes += time_notes
@@ -154,7 +162,8 @@ def _chosen_columns(
     usual = TrialFormat()
     settings: dict[str, Any] = {k: v for k, v in table.settings.items() if getattr(layout, k) == getattr(usual, k)}
     layout = replace(layout, **settings)
-    columns, notes = matched_columns(table.headings, table.units, layout.columns, where, layout.unstated_units)
+    unstated, coarse = layout.unstated_units, _coarse(table)
+    columns, notes = matched_columns(table.headings, table.units, layout.columns, where, unstated, coarse)
     if not layout.convention and any(column.named_by == ROS for column in columns.values()):
         layout = replace(layout, convention="enu-flu")
         notes.append('Axes of ROS: x east, y north, v to port; for others, state the convention, such as "ned".')
@@ -292,8 +301,8 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
     joined = TextTable(headings, units, rows=[], lines=[], notes=[])
     stated, size, side, own = layout.columns.get("time", {}).get("column", ""), 0, "", False
     for file in files:
-        table = _with_nanoseconds(text_table(file, layout))
-        clock, clocks[file.name] = clock_column(table.headings, table.units, stated, str(file))
+        table = _with_whole_stamps(text_table(file, layout))
+        clock, clocks[file.name] = clock_column(table.headings, table.units, stated, str(file), _coarse(table))
         headings[0], units[0] = headings[0] or table.headings[clock], units[0] or table.units[clock]
         side, own = side or table.rudder_positive, own or table.shows_axes
         targets, begin = [k for k, heading in enumerate(table.headings) if heading and k != clock], len(headings)
@@ -460,8 +469,8 @@ def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[
     return filled, notes
 
 
-def _with_nanoseconds(table: TextTable) -> TextTable:
-    """Table whose nanoseconds are decimals of the seconds beside them."""
+def _with_whole_stamps(table: TextTable) -> TextTable:
+    """Table whose nanoseconds are decimals of the seconds beside them, and whose parts of a date are one stamp."""
     headings, rows, notes = list(table.headings), table.rows, list(table.notes)
     for seconds, nanoseconds in nanosecond_columns(headings).items():
         with suppress(ValueError):
@@ -469,7 +478,18 @@ def _with_nanoseconds(table: TextTable) -> TextTable:
             rows = [[*row[:seconds], stamp, *row[seconds + 1 :]] for row, stamp in zip(rows, stamps, strict=True)]
             notes.append(f"{headings[nanoseconds]!r} added to {headings[seconds]!r}.")
             headings[nanoseconds] = ""
+    if parts := date_columns(headings):
+        *others, last = parts
+        notes.append(f"Stamps of {', '.join(repr(headings[k]) for k in parts)}.")
+        rows = [[*row[:last], stamp_of_parts([row[k] for k in parts]), *row[last + 1 :]] for row in rows]
+        headings = ["" if k in others else "time" if k == last else heading for k, heading in enumerate(headings)]
     return replace(table, headings=headings, rows=rows, notes=notes)
+
+
+def _coarse(table: TextTable) -> set[int]:
+    """Columns of time most of whose stamps repeat."""
+    clocks = [k for k, heading in enumerate(table.headings) if TIME in channels_of(heading)]
+    return {k for k in clocks if len(table.rows) > _REPEATED * len({row[k] for row in table.rows})}
 
 
 def _with_letters_beside(table: TextTable) -> TextTable:

@@ -27,6 +27,7 @@ _STRAY_FRACTION = 0.01  # largest fraction of rows out of order that are dropped
 _NEIGHBOURS = 20  # rows before and after a step back that show whether the clock runs on from there
 _REPEATED_FRACTION = 0.1  # of stamps, from which the clock is coarse
 _FEWEST_DIGITS = 3  # significant digits of a stamp
+_FEWEST_STAMPS = 5  # different ones, of as many rows each, that show the interval of the samples
 _MOST_SAMPLES = 10  # largest ratio of samples after and before resampling
 
 _DEAREST = {"x": 0.1, "y": 0.1}  # fraction of rows that a channel may cost before it is left out; 0.5 for others
@@ -76,6 +77,12 @@ def regular(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: st
         rows = time.size
     if time.size < 2 or not channels:
         raise TrialError(f"{where}: a trial has at least two complete rows, found {time.size}; check its cells.")
+    stamps = np.unique(time).size
+    if 1 < stamps < _FEWEST_STAMPS and time.size > _FEWEST_STAMPS * stamps:
+        raise TrialError(
+            f"{where}: the time tells the rows of a trial apart, found {stamps} different stamps in {time.size} rows; "
+            "write the time with more digits, or name another column of it, [columns] time."
+        )
     if not is_uniform(time):
         time, channels, change = _uniform(time, quantum, channels, where)
         notes.append(change)
