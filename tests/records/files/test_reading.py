@@ -136,6 +136,21 @@ class TestText:
         np.testing.assert_allclose(trial["x"], table["x"], atol=1e-6)
         assert trial.attrs["reading"].startswith("Thousands separators of ")
 
+    @pytest.mark.parametrize("marks", [",.", ".,"])
+    def test_separators_of_whole_thousands(self, read, marks):
+        """Beside decimals of the other mark, and whole numbers below a thousand."""
+        swap = str.maketrans(",.", marks)
+        x = [-1500, 6, 999, 1002, 1234567]
+        rows = [f"{0.5 * k:.1f};{-0.25:.2f};{value:,}".translate(swap) for k, value in enumerate(x)]
+        trial = read("\n".join(["time;u;x", *rows]))
+        np.testing.assert_array_equal(trial["x"], x)
+        assert "Thousands separators of 3 cells of x left out." in trial.attrs["reading"].splitlines()
+
+    @pytest.mark.parametrize("cells", [["1.002", "1.003", "1.004"], ["0.998", "1.002", "2"]])
+    def test_points_that_may_be_decimal_beside_decimal_commas_are_refused(self, read, cells):
+        with refused(TrialError, "time"):
+            read("\n".join(["time;u;x", *(f"{k},0;0,5;{cell}" for k, cell in enumerate(cells))]))
+
     def test_numbers_that_no_sensor_tells_from_zero_are_zero(self, read):
         trial = read("time,u,v\n0,5,1e-300\n1,5,-4e-31\n2,5,2e-30\n")
         np.testing.assert_array_equal(trial["v"], [0.0, 0.0, 2e-30])
@@ -156,6 +171,13 @@ class TestText:
     @pytest.mark.parametrize("mark", ["# ", "%"])
     def test_a_header_in_the_last_comment(self, run, read, mark):
         assert_same(read("# facility\n" + mark + written(columns(run), " ")), run)
+
+    @pytest.mark.parametrize("form", ["2026-01-31T23:59:{:02d}", "31.01.2026 23:59:{:02d}", "23:59:{:02d}"])
+    def test_a_header_in_the_last_comment_before_stamps(self, read, form):
+        rows = "".join(f"{form.format(k)},5,{0.01 * k:.2f}\n" for k in range(20))
+        trial = read(f"# facility, ship, run\n# Time,u,psi\n{rows}# end\n")
+        np.testing.assert_allclose(trial["psi"], 0.01 * np.arange(20))
+        assert "time from 'Time'" in trial.attrs["reading"]
 
     def test_quoted_cells(self, read):
         trial = read('"time","u [m/s]"\n"0","1.5"\n"1","2.5"\n')

@@ -5,6 +5,7 @@ import zipfile
 import h5py
 import numpy as np
 import openpyxl
+import pandas as pd
 import pyarrow
 import pyarrow.parquet
 import pytest
@@ -188,3 +189,22 @@ def test_headings_of_a_workbook_have_line_breaks(run, tmp_path):
     np.testing.assert_allclose(trial["psi"], run["psi"], atol=1e-12)
     np.testing.assert_allclose(np.abs(trial["delta"]), np.abs(run["delta"]), atol=1e-12)
     assert "delta from 'Rudder angle [rad]' in rad" in trial.attrs["reading"]
+
+
+def test_an_index_of_stamps_without_a_name_is_the_time(run, tmp_path):
+    table = pd.DataFrame({"u [m/s]": run["u"].values, "psi [rad]": run["psi"].values})
+    exact = table.set_index(pd.Timestamp("2026-01-31T23:59:50") + pd.to_timedelta(run["time"].values, "s"))
+    exact.to_parquet(tmp_path / "run.parquet")
+    trial = ps.read_trial(tmp_path / "run.parquet")
+    np.testing.assert_allclose(trial["time"], run["time"], atol=1e-6)
+    assert trial.attrs["reading"].startswith("The index without a name is taken as the time.")
+    table.set_index(np.arange(len(table)) * 3).to_parquet(tmp_path / "rows.parquet")
+    with refused(ps.TrialError, "time"):
+        ps.read_trial(tmp_path / "rows.parquet")
+
+
+def test_an_archive_is_named(tmp_path):
+    with zipfile.ZipFile(tmp_path / "run.zip", "w") as archive:
+        archive.writestr("gps.csv", "time,u\n0,1\n1,2\n")
+    with refused(ps.TrialError, "gps.csv"):
+        ps.read_trial(tmp_path / "run.zip")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -65,24 +65,9 @@ decoded; the largest numbers of 8 and 16 bits, with up to two decimals; rows of 
 MISSING_CELLS = frozenset(("", "-", "--", "---", "*", "nan", "na", "n/a", "#n/a", "null", "none"))
 MISSING_CELLS |= {"#div/0!", "#value!", "#ref!", "#num!", "#name?", "--.-", "---.-"}
 
+_WHOLE = re.compile(r"[-+]?(?:[1-9]\d{0,2}([.,])\d{3}(?:\1\d{3})*|\d{1,3})")  # in groups of one mark, or short
 _PLAIN = str.maketrans({"\u2212": "-", "º": "°"} | dict.fromkeys("\u00a0\u2007\u2009\u202f", " "))
 
-_STARBOARD = {"P": "-", "S": "", "PORT": "-", "STBD": "", "STARBOARD": ""}
-_LETTERS = {"latitude": {"N": "", "S": "-"}, "longitude": {"E": "", "W": "-"}, "psi": {"T": ""}, "cog": {"T": ""}}
-_LETTERS |= dict.fromkeys(("delta", "r", "v"), _STARBOARD)
-"""Sign of a number by the letter beside it: hemispheres, true directions, port and starboard."""
-SIDES = frozenset(letter for signs in _LETTERS.values() for letter in signs)
-
-_MINUTES = re.compile(
-    r"(?P<before>[NSEW]?)\s*(?P<sign>[-+]?)(?P<degrees>\d{1,3})\s*[°:\s]\s*"
-    r"(?P<minutes>[0-5]?\d(?:[.,]\d+)?|60(?:[.,]0+)?)\s*['′’:\s]?\s*"
-    r"(?:(?P<seconds>[0-5]?\d(?:[.,]\d+)?|60(?:[.,]0+)?)\s*(?:[\"″”]|'')?)?\s*(?P<behind>[NSEW]?)",
-    re.IGNORECASE,
-)  # 53°29.9996'N, 53 29 59.98 N, 53:29.9996
-_LETTER = re.compile(r"[^\W\d_]|[°:]|\d \d")
-_NUMBER_AND_WORD = re.compile(
-    r"(?:([^\W\d_]+)\s*)?([-+]?[\d.,]*\d)\s*(°|(?(1)(?!)|°?\s*[^\W\d_][^\s\d]*))?"
-)  # P 3, 15.5 kn
 _THOUSANDS = re.compile(
     r"[-+]?\d{1,3}(?:([.,])\d{3}(?:\1\d{3})*(?!\1)[.,]\d*|([ '’])\d{3}(?:\2\d{3})*(?:[.,]\d*)?)"
 )  # with both marks, or with spaces or apostrophes
@@ -129,69 +114,28 @@ def plain_text(text: str) -> str:
     return text if text.isascii() else text.translate(_PLAIN)
 
 
-def without_thousands(cells: Sequence[str]) -> tuple[list[str], int]:
-    """Cells without the separators of groups of three digits, and the number of such cells."""
-    found = [_THOUSANDS.fullmatch(cell) for cell in cells]
-    plain = [cell.replace(one[1] or one[2], "") if one else cell for one, cell in zip(found, cells, strict=True)]
-    return plain, sum(map(bool, found))
+def without_thousands(texts: Mapping[str, list[str]]) -> tuple[dict[str, list[str]], dict[str, int]]:
+    """Cells of columns without the separators of groups of three digits, and the number of such cells.
 
-
-class BareNumbers(NamedTuple):
-    """Cells of a column without units and letters, its unit, sentences, and the channel if they had letters."""
-
-    cells: list[str]
-    unit: str
-    notes: list[str]
-    channel: str
-
-
-def bare_numbers(heading: str, unit: str, cells: Sequence[str]) -> BareNumbers | None:
-    """Numbers of a column with a unit, or the letter of a side, beside each of them; None for another column."""
-    channel, signs = letters_of(heading)
-    first = next((cell for cell in cells if cell.strip().lower() not in MISSING_CELLS), "")
-    if not _LETTER.search("".join(cells) if signs else first):
-        return None
-    cells, notes = [cell.strip() for cell in cells], []
-    degrees = [_decimal_degrees(cell) for cell in cells] if channel in ("latitude", "longitude") else cells
-    if degrees != cells:
-        cells, unit, notes = degrees, unit or "deg", [f"{heading}: degrees and minutes of each position read."]
-    found = [_NUMBER_AND_WORD.fullmatch(cell) for cell in cells]
-    words = {_word(one) for one in found if one} - {""}
-    sided, stated = {word.upper() for word in words} <= signs.keys(), unit or name_and_unit(heading)[1]
-    same_unit = len(words) == 1 and all(is_unit(word) and stated in (None, word) for word in words)
-    bare = [_bare(one, signs, sided) if one else "" for one in found]
-    whole = all(one or cell.lower() in MISSING_CELLS for one, cell in zip(bare, cells, strict=True))
-    if not words or not whole or not (sided or same_unit):
-        return BareNumbers(cells, unit, notes, "") if notes and not words else None
-    unit = unit or (words.pop() if not sided else "" if "P" in signs else "deg")
-    notes.append(f"{heading}: {' and '.join([*signs][:2]) if sided else unit} behind each number read.")
-    return BareNumbers(bare, unit, notes, channel if sided else "")
-
-
-def _word(matched: re.Match[str]) -> str:
-    """Unit or letter beside a number; ``deg`` for the sign of degrees."""
-    before, _, behind = matched.groups("")
-    return before or behind.strip("° ") or behind.strip().replace("°", "deg")
-
-
-def _bare(matched: re.Match[str], signs: Mapping[str, str], sided: bool) -> str:
-    """Number of a cell with the sign of its side; empty if it has no unit or letter and is not amidships."""
-    word, number = _word(matched), matched[2]
-    if not word:
-        return number if "P" in signs and sided and not number.strip("+-0.,") else ""
-    return (signs[word.upper()] if sided else "") + number
-
-
-def _decimal_degrees(cell: str) -> str:
-    """Text of a position in degrees and minutes, perhaps seconds, as decimal degrees with its letter; others as is."""
-    matched = _MINUTES.fullmatch(cell)
-    if not matched:
-        return cell
-    part = matched.groupdict("")
-    minutes, seconds = (float(part[name].replace(",", ".") or 0.0) for name in ("minutes", "seconds"))
-    degrees = int(part["degrees"]) + minutes / 60.0 + seconds / 3600.0
-    number = f"{part['sign']}{degrees:.10f}{part['before'] or part['behind']}"
-    return number.replace(".", ",") if "," in cell else number
+    A file has one decimal mark: where other columns have the point alone, whole numbers such as 1,002 have groups.
+    """
+    plain, counts = dict(texts), {}
+    marks = {name: {mark for mark in ",. '’" if mark in "".join(cells)} for name, cells in texts.items()}
+    for name, cells in texts.items():
+        decimal = marks[name] & {",", "."}
+        whole = len(decimal) == 1 and {",", "."} - decimal in marks.values()
+        if not whole and len(marks[name]) < 2 and decimal == marks[name]:
+            continue
+        found = [(_WHOLE if whole else _THOUSANDS).fullmatch(cell) for cell in cells]
+        count = sum(one is not None and one.lastindex is not None for one in found)
+        read = all(one or cell.lower() in MISSING_CELLS for one, cell in zip(found, cells, strict=True))
+        if count and (not whole or (read and count < len(cells))):
+            plain[name] = [
+                cell.replace(one[one.lastindex], "") if one and one.lastindex else cell
+                for one, cell in zip(found, cells, strict=True)
+            ]
+            counts[name] = count
+    return plain, counts
 
 
 def cell_numbers(cells: Sequence[str]) -> list[float | None]:
@@ -323,11 +267,6 @@ def _channels_named(heading: str) -> list[Channel]:
 def channels_of(heading: str) -> list[Channel]:
     """Channels that a heading may name, perhaps with a unit."""
     return _channels_named(name_and_unit(heading)[0])
-
-
-def letters_of(heading: str) -> tuple[str, Mapping[str, str]]:
-    """Channel of a heading whose numbers may have letters beside them, and the sign by letter; empty for others."""
-    return next(((one.name, _LETTERS[one.name]) for one in channels_of(heading) if one.name in _LETTERS), ("", {}))
 
 
 def name_and_unit(heading: str) -> tuple[str, str | None]:

@@ -30,16 +30,13 @@ from pymc_ship.records.files.columns import (
     MISSING_CELLS,
     PAIRS,
     ROS,
-    SIDES,
     Column,
-    bare_numbers,
     cell_numbers,
     channels_of,
     check_course,
     clock_column,
     is_over_ground,
     is_unit,
-    letters_of,
     matched_columns,
     name_and_unit,
     plain_name,
@@ -57,7 +54,7 @@ from pymc_ship.records.files.format import (
     with_true_wind,
 )
 from pymc_ship.records.files.interpolation import brought_together, interpolated
-from pymc_ship.records.files.sides import FOUND, shows_axes, with_rudder_side
+from pymc_ship.records.files.sides import FOUND, SIDES, bare_numbers, letters_of, shows_axes, with_rudder_side
 from pymc_ship.records.files.tables import Columns, bag_of, binary_columns, cell_texts, check_size, nmea_columns
 from pymc_ship.records.files.time_base import Regular, regular, rounding
 from pymc_ship.trial.channels import CHANNELS, TIME
@@ -68,6 +65,7 @@ _FEWEST_LINES, _MOST_TITLES = 4, 200  # lines of a table that have titles before
 _LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
 _SIDES = ("port", "starboard")
 _OPEN_QUOTE = re.compile(r'(?:^|[,;\t])"[^"]*$')  # of a cell that goes on in the next line
+_BEGIN_OF_STAMP = re.compile(r"\s*\d+[-:/.]\d")
 _REPEATED = 1.5  # rows of one stamp, in the mean, from which another clock precedes
 _BESIDE = frozenset(("", "n/s", "ns", "e/w", "ew", "p/s", "ps", "side", "dir", "direction", "hemisphere"))
 _AROUND_UNITS = " []{}()-"
@@ -375,7 +373,8 @@ def _table_of_columns(headings: list[str], units: list[str], columns: list[list[
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:
     """Lines with the header first; it may be the last comment before the numbers."""
-    if not content or not _is_number(_cells_of_line(content[0][1], _delimiter(content[0][1]))[0]):
+    first = _cells_of_line(content[0][1], _delimiter(content[0][1]))[0] if content else ""
+    if not (_is_number(first) or _BEGIN_OF_STAMP.match(first)):
         return content
     before = [(number, line.strip(" \t#%")) for number, line in comments if number < content[0][0]]
     return [*before[-1:], *content]
@@ -533,12 +532,9 @@ def _stamps(table: TextTable, column: Column) -> list[str]:
 def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     """Numbers of each column, NaN for missing cells."""
     texts = {name: [row[column.index].strip() for row in table.rows] for name, column in columns.items()}
-    notes = []
+    texts, counts = without_thousands(texts)
+    notes = [f"Thousands separators of {count} cells of {columns[k].heading} left out." for k, count in counts.items()]
     joined = {name: "".join(cells) for name, cells in texts.items()}
-    for name in [name for name, text in joined.items() if {",", "."} <= {*text} or {" ", "'", "’"} & {*text}]:
-        texts[name], count = without_thousands(texts[name])
-        joined[name] = "".join(texts[name])
-        notes += [f"Thousands separators of {count} cells of {columns[name].heading} left out."] if count else []
     comma = any("," in text for text in joined.values()) and not any("." in text for text in joined.values())
     if comma:
         texts = {name: [cell.replace(",", ".") for cell in cells] for name, cells in texts.items()}

@@ -1,18 +1,27 @@
-"""Port and starboard of a file: the side of a positive rudder, from the record itself, and the axes of the motion.
+"""Sides of a file: letters beside numbers, the side of a positive rudder by the record itself, the axes of the motion.
 
 A motion and its mirror image, with y, psi, v, r, phi, p and delta reversed, agree with themselves equally well.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.records.files.columns import Column, plain_name
+from pymc_ship.records.files.columns import (
+    MISSING_CELLS,
+    Column,
+    channels_of,
+    is_unit,
+    name_and_unit,
+    plain_name,
+)
 from pymc_ship.records.files.format import TrialFormat
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares, ship_blocks, ship_scale
 from pymc_ship.trial.record import AXES
@@ -34,6 +43,24 @@ MIRROR_IMAGE = (
 _OF_THE_EARTH = ("north", "northing", "east", "easting")  # headings of x and y
 _OF_THE_COMPASS = ("hdt", "ths", "hdg", "true heading", "heading true", "gyro", "gyro heading")  # of psi
 _OF_THE_BRIDGE = ("rot", "rate of turn")  # of r, positive to starboard
+
+
+_STARBOARD = {"P": "-", "S": "", "PORT": "-", "STBD": "", "STARBOARD": ""}
+_LETTERS = {"latitude": {"N": "", "S": "-"}, "longitude": {"E": "", "W": "-"}, "psi": {"T": ""}, "cog": {"T": ""}}
+_LETTERS |= dict.fromkeys(("delta", "r", "v"), _STARBOARD)
+"""Sign of a number by the letter beside it: hemispheres, true directions, port and starboard."""
+SIDES = frozenset(letter for signs in _LETTERS.values() for letter in signs)
+
+_MINUTES = re.compile(
+    r"(?P<before>[NSEW]?)\s*(?P<sign>[-+]?)(?P<degrees>\d{1,3})\s*[°:\s]\s*"
+    r"(?P<minutes>[0-5]?\d(?:[.,]\d+)?|60(?:[.,]0+)?)\s*['′’:\s]?\s*"
+    r"(?:(?P<seconds>[0-5]?\d(?:[.,]\d+)?|60(?:[.,]0+)?)\s*(?:[\"″”]|'')?)?\s*(?P<behind>[NSEW]?)",
+    re.IGNORECASE,
+)  # 53°29.9996'N, 53 29 59.98 N, 53:29.9996
+_LETTER = re.compile(r"[^\W\d_]|[°:]|\d \d")
+_NUMBER_AND_WORD = re.compile(
+    r"(?:([^\W\d_]+)\s*)?([-+]?[\d.,]*\d)\s*(°|(?(1)(?!)|°?\s*[^\W\d_][^\s\d]*))?"
+)  # P 3, 15.5 kn
 
 
 @dataclass(frozen=True)
@@ -211,3 +238,66 @@ def mirror_remarks(trials: Mapping[str, xr.Dataset]) -> list[str]:
     which = f"Run {runs[0]} does" if len(runs) == 1 else f"Runs {', '.join(runs)} do"
     sides = 'port and starboard are those of convention = "ned"'
     return [f"{which} not show the axes of the file: {sides}, or the record is {MIRROR_IMAGE}."]
+
+
+def letters_of(heading: str) -> tuple[str, Mapping[str, str]]:
+    """Channel of a heading whose numbers may have letters beside them, and the sign by letter; empty for others."""
+    return next(((one.name, _LETTERS[one.name]) for one in channels_of(heading) if one.name in _LETTERS), ("", {}))
+
+
+class BareNumbers(NamedTuple):
+    """Cells of a column without units and letters, its unit, sentences, and the channel if they had letters."""
+
+    cells: list[str]
+    unit: str
+    notes: list[str]
+    channel: str
+
+
+def bare_numbers(heading: str, unit: str, cells: Sequence[str]) -> BareNumbers | None:
+    """Numbers of a column with a unit, or the letter of a side, beside each of them; None for another column."""
+    channel, signs = letters_of(heading)
+    first = next((cell for cell in cells if cell.strip().lower() not in MISSING_CELLS), "")
+    if not _LETTER.search("".join(cells) if signs else first):
+        return None
+    cells, notes = [cell.strip() for cell in cells], []
+    degrees = [_decimal_degrees(cell) for cell in cells] if channel in ("latitude", "longitude") else cells
+    if degrees != cells:
+        cells, unit, notes = degrees, unit or "deg", [f"{heading}: degrees and minutes of each position read."]
+    found = [_NUMBER_AND_WORD.fullmatch(cell) for cell in cells]
+    words = {_word(one) for one in found if one} - {""}
+    sided, stated = {word.upper() for word in words} <= signs.keys(), unit or name_and_unit(heading)[1]
+    same_unit = len(words) == 1 and all(is_unit(word) and stated in (None, word) for word in words)
+    bare = [_bare(one, signs, sided) if one else "" for one in found]
+    whole = all(one or cell.lower() in MISSING_CELLS for one, cell in zip(bare, cells, strict=True))
+    if not words or not whole or not (sided or same_unit):
+        return BareNumbers(cells, unit, notes, "") if notes and not words else None
+    unit = unit or (words.pop() if not sided else "" if "P" in signs else "deg")
+    notes.append(f"{heading}: {' and '.join([*signs][:2]) if sided else unit} behind each number read.")
+    return BareNumbers(bare, unit, notes, channel if sided else "")
+
+
+def _word(matched: re.Match[str]) -> str:
+    """Unit or letter beside a number; ``deg`` for the sign of degrees."""
+    before, _, behind = matched.groups("")
+    return before or behind.strip("° ") or behind.strip().replace("°", "deg")
+
+
+def _bare(matched: re.Match[str], signs: Mapping[str, str], sided: bool) -> str:
+    """Number of a cell with the sign of its side; empty if it has no unit or letter and is not amidships."""
+    word, number = _word(matched), matched[2]
+    if not word:
+        return number if "P" in signs and sided and not number.strip("+-0.,") else ""
+    return (signs[word.upper()] if sided else "") + number
+
+
+def _decimal_degrees(cell: str) -> str:
+    """Text of a position in degrees and minutes, perhaps seconds, as decimal degrees with its letter; others as is."""
+    matched = _MINUTES.fullmatch(cell)
+    if not matched:
+        return cell
+    part = matched.groupdict("")
+    minutes, seconds = (float(part[name].replace(",", ".") or 0.0) for name in ("minutes", "seconds"))
+    degrees = int(part["degrees"]) + minutes / 60.0 + seconds / 3600.0
+    number = f"{part['sign']}{degrees:.10f}{part['before'] or part['behind']}"
+    return number.replace(".", ",") if "," in cell else number

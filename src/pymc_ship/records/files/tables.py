@@ -33,6 +33,8 @@ _STORAGE = (".db3", ".mcap")  # of ROS 2
 _SHEET_ROWS = 2**20  # of a worksheet
 _MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 5_000_000, 1000, 24_000_000  # of a trial, read in 2 GB
 
+_INDEX = re.compile(r"__index_level_\d+__")  # of pandas, without a name
+_OF_XLSX = "[Content_Types].xml"
 _MOST_TITLES = 50  # rows of a worksheet that may come before its header
 _SHORTEST_SERIES = 0.01  # fraction of the rows of a table below which a vector is a setting
 _MOST_NAMED = 12  # columns that a sentence names
@@ -150,7 +152,15 @@ def _parquet(path: Path) -> Table:
         _check_unpacked(path, sum(one.total_byte_size for one in groups))
         check_size(path, [file.metadata.num_rows] * len(names))
         table = file.read(names)
-    return [Series(name, _arrow_values(table[name])) for name in table.column_names], []
+    clocks = [name for name in names if _INDEX.fullmatch(name) and types.is_temporal(schema.field(name).type)]
+    headings = dict.fromkeys(clocks if len(clocks) == 1 and not any(map(_is_clock, names)) else (), TIME.name)
+    notes = ["The index without a name is taken as the time."] if headings else []
+    return [Series(headings.get(name, name), _arrow_values(table[name])) for name in table.column_names], notes
+
+
+def _is_clock(heading: object) -> bool:
+    """Whether a cell is a heading of time."""
+    return isinstance(heading, str) and TIME in channels_of(heading)
 
 
 def _arrow_values(column: Any) -> np.ndarray:
@@ -169,6 +179,9 @@ def _xlsx(path: Path) -> Table:
             with archive.open(member) as part:
                 if b"<!DOCTYPE" in part.read(4096):
                     raise TrialError(f"{path}: a workbook has no DTD, found one in {member.filename}; save it anew.")
+        if _OF_XLSX not in archive.namelist():
+            names = ", ".join(map(repr, archive.namelist()[:_MOST_NAMED]))
+            raise TrialError(f"{path}: a trial is a file or a folder, found an archive of {names}; unpack it.")
     with path.open("rb") as file, closing(load_workbook(file, read_only=True, data_only=True)) as book:
         begins = {sheet.title: _rows(path, sheet, _MOST_TITLES) for sheet in book.worksheets}
         tables = [title for title, rows in begins.items() if any(map(_is_header, rows))]
@@ -206,8 +219,9 @@ def _rows(path: Path, sheet: Any, most: int) -> list[tuple[Any, ...]]:
 
 def _is_header(row: Sequence[Any]) -> bool:
     """Whether a row of a worksheet has headings of time and of another quantity."""
-    known = [channels_of(cell) for cell in row if isinstance(cell, str)]
-    return any(TIME in one for one in known) and any(one and TIME not in one for one in known)
+    return any(map(_is_clock, row)) and any(
+        channels_of(cell) and not _is_clock(cell) for cell in row if isinstance(cell, str)
+    )
 
 
 def _netcdf(path: Path) -> Table:
