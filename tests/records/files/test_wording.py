@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
+import zipfile
 from functools import partial
 
 import numpy as np
@@ -76,6 +77,12 @@ def of_two_sheets(run, tmp_path):
     ps.read_trial(tmp_path / "run.xlsx")
 
 
+def of_an_archive(tmp_path):
+    with zipfile.ZipFile(tmp_path / "run.zip", "w") as archive:
+        archive.writestr("gps.csv", "")
+    ps.read_trial(tmp_path / "run.zip")
+
+
 def of_minutes(read):
     read("Time;u;psi\n" + "".join(f"08:{k // 9:02d};7;0.1\n" for k in range(300)))
 
@@ -124,6 +131,7 @@ test_trial_errors = wording(
         r"run.mcap: a bag of ROS 2 has a file metadata.yaml in its folder, found none; copy the folder\.$",
         lambda read: read(b"\x89MCAP0\r\n" + bytes(40), "run.mcap"),
     ),
+    ("found an archive of 'gps.csv'; unpack it", of_an_archive),
     (r"cannot be read as xlsx: File is not a zip file", lambda read: read(b"PK\x03\x04" + bytes(40), "run.xlsx")),
     (
         r"a latitude is within 90 deg .*; found degrees and minutes in one number; convert them\.$",

@@ -347,19 +347,13 @@ def _candidates(
     left_out: list[str] = []
     candidates_by_channel: dict[str, list[Column]] = {}
     errors: dict[str, TrialError] = {}
-    capitals = {
-        heading for heading, unit in zip(headings, units, strict=True) if _CAPITAL.fullmatch(heading) and not unit
-    }
-    capitals -= {letter for letters in _TOGETHER if capitals >= letters for letter in letters}
+    capitals = _bare_capitals(headings, units)
     for index, heading in enumerate(headings):
         if index in taken or not heading:
             continue
-        if heading in capitals:
-            left_out.append(heading)
-            continue
         column = None
         try:
-            column = _column_of_heading(index, heading, units[index], where, unstated)
+            column = None if heading in capitals else _column_of_heading(index, heading, units[index], where, unstated)
         except TrialError as error:
             errors[heading] = error
         if column and column.channel not in matched:
@@ -378,6 +372,12 @@ def _candidates(
     if needed:
         raise errors[needed[0]]
     return left_out, candidates_by_channel
+
+
+def _bare_capitals(headings: Sequence[str], units: Sequence[str]) -> set[str]:
+    """Headings of one capital letter and no unit that are not channels."""
+    bare = {heading for heading, unit in zip(headings, units, strict=True) if _CAPITAL.fullmatch(heading) and not unit}
+    return bare - {letter for letters in _TOGETHER if bare >= letters for letter in letters}
 
 
 def clock_column(

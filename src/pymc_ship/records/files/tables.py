@@ -405,6 +405,7 @@ _NMEA = {  # unit, and type and fields of the sentences of each quantity, the fi
 }
 _STATUS = {"rsa_starboard": "rsa_starboard_status", "rsa_port": "rsa_port_status"}
 _STATUS |= dict.fromkeys(("lon_water_spd", "trans_water_spd"), "data_validity_water_spd")
+_FIELDS_OF_THS = (("Heading", "heading"), ("Mode", "status"))
 _SHORTEST_LOG = 0.5  # fraction of the first lines that are sentences
 
 
@@ -416,29 +417,8 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
     first = [line for line in lines[:200] if line.strip()][:50]
     if sum(bool(_SENTENCE.search(line)) for line in first) <= _SHORTEST_LOG * len(first):
         return None
-    try:
-        import pynmea2
-    except ImportError:
-        raise TrialError(f"{path}: NMEA 0183 needs pynmea2, found none; pip install 'pymc-ship[formats]'.") from None
-    type(
-        "THS", (pynmea2.TalkerSentence,), {"fields": (("Heading", "heading"), ("Mode", "status"))}
-    )  # it lacks this one
     summed = sum("*" in line for line in first) > _SHORTEST_LOG * len(first)
-    readings, damaged, unread = [], 0, set()
-    for line in lines:
-        matched = _SENTENCE.search(line)
-        text = line[matched.start() :].strip() if matched else ""
-        try:
-            message = pynmea2.parse(text, check=summed) if matched else None
-            whole = True
-        except (pynmea2.ParseError, ValueError, TypeError) as error:
-            message, whole = None, _is_whole(text) if summed else isinstance(error, pynmea2.SentenceTypeError)
-        if matched and hasattr(message, "talker"):
-            readings.append((_TAGS.sub(r"\1", line[: matched.start()]).strip(_BEFORE), message))
-        elif matched and whole:
-            unread.add(matched[1])
-        else:
-            damaged += bool(line.strip())
+    readings, unread, damaged = _sentences(lines, path, summed)
     logger = sum(bool(stamp) for stamp, _ in readings) > 0.5 * len(readings)
     messages = [message for _, message in readings]
     sources, notes = _sensors(messages, unread)
@@ -457,6 +437,31 @@ def nmea_columns(lines: Sequence[str], path: Path) -> tuple[dict[str, list[str]]
     notes += [] if summed else ["The sentences have no checksum, which would show damaged ones."]
     columns = {name: [row.get(name, "") for row in rows] for name in ("time", *sources)}
     return columns, {name: _NMEA[name][0] for name in sources}, notes
+
+
+def _sentences(lines: Sequence[str], path: Path, summed: bool) -> tuple[list[tuple[str, Any]], set[str], int]:
+    """Messages with the stamps before them, kinds of whole sentences that are not read, number of damaged ones."""
+    try:
+        import pynmea2
+    except ImportError:
+        raise TrialError(f"{path}: NMEA 0183 needs pynmea2, found none; pip install 'pymc-ship[formats]'.") from None
+    type("THS", (pynmea2.TalkerSentence,), {"fields": _FIELDS_OF_THS})  # it lacks this one
+    readings, unread, damaged = [], set(), 0
+    for line in lines:
+        matched = _SENTENCE.search(line)
+        text = line[matched.start() :].strip() if matched else ""
+        try:
+            message = pynmea2.parse(text, check=summed) if matched else None
+            whole = True
+        except (pynmea2.ParseError, ValueError, TypeError) as error:
+            message, whole = None, _is_whole(text) if summed else isinstance(error, pynmea2.SentenceTypeError)
+        if matched and hasattr(message, "talker"):
+            readings.append((_TAGS.sub(r"\1", line[: matched.start()]).strip(_BEFORE), message))
+        elif matched and whole:
+            unread.add(matched[1])
+        else:
+            damaged += bool(line.strip())
+    return readings, unread, damaged
 
 
 def _is_whole(sentence: str) -> bool:
