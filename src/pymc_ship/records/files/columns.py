@@ -120,7 +120,8 @@ def without_thousands(texts: Mapping[str, list[str]]) -> tuple[dict[str, list[st
     A file has one decimal mark: where other columns have the point alone, whole numbers such as 1,002 have groups.
     """
     plain, counts = dict(texts), {}
-    marks = {name: {mark for mark in ",. '’" if mark in "".join(cells)} for name, cells in texts.items()}
+    joined = {name: "".join(cells) for name, cells in texts.items()}
+    marks = {name: {mark for mark in ",. '’" if mark in text} for name, text in joined.items()}
     for name, cells in texts.items():
         decimal = marks[name] & {",", "."}
         whole = len(decimal) == 1 and {",", "."} - decimal in marks.values()

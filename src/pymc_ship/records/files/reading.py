@@ -513,7 +513,7 @@ def _with_bare_numbers(table: TextTable) -> TextTable:
     table = _with_letters_beside(table)
     units, rows, notes, side = list(table.units), table.rows, list(table.notes), table.rudder_positive
     for k, heading in enumerate(table.headings):
-        if read := bare_numbers(heading, units[k], [row[k] for row in rows]):
+        if read := bare_numbers(heading, units[k], rows, k):
             rows = [[*row[:k], number, *row[k + 1 :]] for row, number in zip(rows, read.cells, strict=True)]
             side = "starboard" if read.channel == "delta" else side
             units[k] = read.unit

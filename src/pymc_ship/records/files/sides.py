@@ -254,13 +254,13 @@ class BareNumbers(NamedTuple):
     channel: str
 
 
-def bare_numbers(heading: str, unit: str, cells: Sequence[str]) -> BareNumbers | None:
-    """Numbers of a column with a unit, or the letter of a side, beside each of them; None for another column."""
+def bare_numbers(heading: str, unit: str, rows: Sequence[Sequence[str]], k: int) -> BareNumbers | None:
+    """Numbers of column k with a unit, or the letter of a side, beside each of them; None for another column."""
     channel, signs = letters_of(heading)
-    first = next((cell for cell in cells if cell.strip().lower() not in MISSING_CELLS), "")
-    if not _LETTER.search("".join(cells) if signs else first):
+    first = next((row[k] for row in rows if row[k].strip().lower() not in MISSING_CELLS), "")
+    if not _LETTER.search("".join([row[k] for row in rows]) if signs else first):
         return None
-    cells, notes = [cell.strip() for cell in cells], []
+    cells, notes = [row[k].strip() for row in rows], []
     degrees = [_decimal_degrees(cell) for cell in cells] if channel in ("latitude", "longitude") else cells
     if degrees != cells:
         cells, unit, notes = degrees, unit or "deg", [f"{heading}: degrees and minutes of each position read."]
