@@ -217,6 +217,15 @@ class TestMissingCells:
         present = np.r_[0:100, 105 : run.sizes["time"]]
         np.testing.assert_array_equal(trial["u"].values[present], run["u"].values[present])
 
+    def test_a_stand_in_of_the_rudder_hides_no_side(self, run, read):
+        table = {"time": run["time"].values, "psi": run["psi"].values, "r": run["r"].values}
+        table |= {"delta [deg]": -np.rad2deg(run["delta"].values)}
+        lines = written(table).splitlines()
+        lines[50::60] = [line[: line.rindex(",")] + ",9999" for line in lines[50::60]]
+        trial = read("\n".join(lines))
+        assert np.abs(trial["delta"] - run["delta"]).max() < np.deg2rad(2.0)
+        assert "9999 in 6 cells of 'delta [deg]' taken as not available: far" in trial.attrs["reading"]
+
     def test_at_a_long_run_the_record_is_cut(self, run, read):
         table = columns(run)
         table["v"][100:130] = np.nan

@@ -73,7 +73,14 @@ _THOUSANDS = re.compile(
 )  # with both marks, or with spaces or apostrophes
 
 JUMP = 8.0  # steps of a channel, at their 99 % quantile, from which a stand-in is none of its values
-_OF_RECEIVERS = {"sog": (102.3,), "cog": (360.0,), "psi": (511.0,), "latitude": (91.0,), "longitude": (181.0,)}
+_OF_SENSORS = {
+    "sog": (102.3,),
+    "cog": (360.0,),
+    "psi": (511.0,),
+    "latitude": (91.0,),
+    "longitude": (181.0,),
+    "delta": (),
+}
 _WHOLE_TURN, _LEAST_TURN = 360.0, 5.0  # deg; the least is of a course that is none beside others
 _FEWEST_CHANGES = 10  # of a course over ground whose heading turns by more than this between two of them
 
@@ -93,10 +100,10 @@ def standing_out(values: np.ndarray, cells: np.ndarray, least: float = 0.0, peri
 
 
 def receiver_stand_ins(name: str, cells: np.ndarray) -> dict[float, np.ndarray]:
-    """Cells of a receiver, or of a heading, that a stand-in fills, by its number in the unit of the file."""
+    """Cells of a receiver, a heading or a rudder that a stand-in fills, by its number in the unit of the file."""
     left, found = cells.copy(), {}
     turn, least = (_WHOLE_TURN, _LEAST_TURN) if name in ("cog", "psi") else (None, 0.0)
-    for number in (*_OF_RECEIVERS[name], *(one for one in MISSING_CODES[""] if one > _WHOLE_TURN)):
+    for number in (*_OF_SENSORS[name], *(one for one in MISSING_CODES[""] if one > _WHOLE_TURN)):
         known = np.flatnonzero(np.isfinite(left))
         values = left[known]
         held = np.abs(np.abs(values) - number) < 1e-6 * number
@@ -329,7 +336,7 @@ def matched_columns(
 
 def nearest_heading(heading: str, matched: Mapping[str, Column]) -> str:
     """Remark on an unused heading: a capital letter, or a misspelt one of a channel that no column has; else empty."""
-    if _CAPITAL.fullmatch(heading) and (channels := channels_of(heading)):
+    if _CAPITAL.fullmatch(heading) and (channels := [one for one in channels_of(heading) if one.name not in matched]):
         return f" (a capital letter without a unit; for the channel {channels[0].name}, write {_with_unit(heading)})"
     lacking = [one for name, one in quantities().items() if name not in matched]
     name, known = name_and_unit(heading)[0], [word for one in lacking for word in (one.name, *one.headings)]

@@ -558,11 +558,11 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
 
 
 def _without_stand_ins(columns: dict[str, Column], numbers: dict[str, np.ndarray]) -> list[str]:
-    """Empty the cells of a satellite receiver that stand for missing ones; sentences on them.
+    """Empty the cells of a satellite receiver and a rudder that stand for missing ones; sentences on them.
 
     Other channels keep theirs for the check of stand-ins, but for a heading that turns velocities over ground.
     """
-    names, notes = [name for name in GROUND if name in columns], []
+    names, notes = [name for name in (*GROUND, "delta") if name in columns], []
     if is_over_ground(columns):
         names.append("psi")
     for name in names:
