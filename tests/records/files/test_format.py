@@ -305,6 +305,11 @@ def test_channels_of_a_receiver_on_rows_of_their_own(run, read):
         assert words in trial.attrs["reading"].splitlines()
 
 
+def test_a_receiver_that_is_not_read_is_not_interpolated(run, read):
+    table = received(run) | {"u [m/s]": run["u"].values, "x [m]": run["x"].values, "y [m]": run["y"].values}
+    assert "rows of their own" not in read(on_rows_of_their_own(table, 0.005)).attrs["reading"]
+
+
 def test_a_set_course_on_rows_of_its_own_is_refused(run, read):
     with refused(TrialError, "COG"):
         read(on_rows_of_their_own(received(run) | {"COG [deg]": np.zeros(run["time"].size)}))

@@ -218,8 +218,8 @@ GROUND = {
 }
 """Quantities of a satellite receiver, of which channels are made."""
 
-PAIRS = {"sog": "cog", "latitude": "longitude"}
-"""Quantities of :data:`GROUND` that make channels together."""
+PAIRS = {("sog", "cog"): {"u", "v"}, ("latitude", "longitude"): {"x", "y"}}
+"""Channels that two of :data:`GROUND` make together, where a file has neither of them."""
 
 QUATERNION = {
     f"q{axis}": Channel(f"q{axis}", PURE_NUMBER, f"component {axis} of a quaternion", headings=(f"orientation {axis}",))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -90,13 +90,15 @@ def on_one_base(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tu
     return base, base_quantum, based, ["; ".join([note, *late]) + "."]
 
 
-def brought_together(time: np.ndarray, channels: Channels, pairs: Mapping[str, str]) -> tuple[Channels, list[str]]:
+def brought_together(
+    time: np.ndarray, channels: Channels, pairs: Iterable[tuple[str, str]]
+) -> tuple[Channels, list[str]]:
     """Channels of which no row has both of a pair, at the stamps of the one with more cells; a sentence on each pair.
 
     Angles of a pair are in rad, with jumps of a full turn.
     """
     based, notes = dict(channels), []
-    for pair in pairs.items():
+    for pair in pairs:
         known = {name: np.isfinite(channels[name] + time) for name in pair if name in channels}
         counts = sorted(int(rows.sum()) for rows in known.values())
         if len(counts) < 2 or counts[0] < 2 or 2 * (known[pair[0]] & known[pair[1]]).sum() >= counts[0]:

@@ -184,7 +184,8 @@ def _time_series(
         time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels, begins)
     check_course(columns, raw, time, where)
     delays = {name: column.delay for name, column in columns.items() if column.delay}
-    raw, pair_notes = brought_together(time, _undelayed(raw, time, delays), PAIRS)
+    pairs = [pair for pair, made in PAIRS.items() if made.isdisjoint(columns)]
+    raw, pair_notes = brought_together(time, _undelayed(raw, time, delays), pairs)
     if delays or pair_notes:
         channels, layout, sign_notes = _in_ship_axes(raw, stated, where)
         sign_notes += pair_notes + [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
