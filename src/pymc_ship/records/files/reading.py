@@ -282,13 +282,18 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
         units += [""] * (len(headings) - len(units))
     whole, notes = _whole_rows(rows, len(headings), path)
     notes = [f"{titles} lines before the header left out.", *notes] if titles else notes
-    stated = next((side for _, line in comments for side in _SIDES if line.startswith(rudder_line(side))), "")
-    own = bool(stated) and not any(ASSUMED in line for _, line in comments)
     cells, at = [row for _, row in whole], [number for number, _ in whole]
-    begins = {key: f'# {key} = "' for key in SETTINGS}
-    settings = {k: one.split('"')[1] for k, begin in begins.items() for _, one in comments if one.startswith(begin)}
     table = TextTable(headings, units, cells, lines=at, notes=notes)
-    return _with_bare_numbers(replace(table, rudder_positive=stated, shows_axes=own, settings=settings))
+    return _with_bare_numbers(replace(table, **_stated_in([line for _, line in comments])))
+
+
+def _stated_in(comments: list[str]) -> dict[str, Any]:
+    """What the comments of a file of :func:`pymc_ship.write_trial` state of its table."""
+    side = next((side for line in comments for side in _SIDES if line.startswith(rudder_line(side))), "")
+    begins = {key: f'# {key} = "' for key in SETTINGS}
+    settings = {k: one.split('"')[1] for k, begin in begins.items() for one in comments if one.startswith(begin)}
+    own = bool(side) and not any(ASSUMED in line for line in comments)
+    return {"rudder_positive": side, "shows_axes": own, "settings": settings}
 
 
 def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
