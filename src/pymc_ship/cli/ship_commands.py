@@ -40,7 +40,7 @@ from pymc_ship.physics.vessel.term_sets import supports_part_sets, valid_at_any_
 from pymc_ship.physics.vessel.vessel import Vessel, check_same_vessel
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.format import load_format
-from pymc_ship.records.files.quality_flags import quality_remarks
+from pymc_ship.records.files.quality_flags import ground_remarks, quality_remarks
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.ships.ensemble.files import FOLDER, load_ship, save_ship
 from pymc_ship.ships.ensemble.ship import Ship
@@ -228,7 +228,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
         command=made_by(args),
         progress=progress,
     )
-    text.append("\n".join(measured_doubts(trials)))
+    text.append("\n".join(measured_doubts(trials, trees)))
     return "\n\n".join(filter(None, text)), page
 
 
@@ -272,7 +272,7 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     scores = ps.score(ship, list(trials.values()), names=list(trials), **settings)
     rows = ps.score_indices(ship, list(trials.values()), names=list(trials), rng=args.seed)
     texts = [score_text(scores), compared_index_text(rows, "Indices of recorded manoeuvres", scored=True)]
-    text = "\n\n".join(filter(None, [*texts, "\n".join(quality_remarks(trials))]))
+    text = "\n\n".join(filter(None, [*texts, "\n".join(quality_remarks(trials) + ground_remarks(trials))]))
     if out is None:
         return text, None
     from pymc_ship.ships.identification.score_page import write_score_page

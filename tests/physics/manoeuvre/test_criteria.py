@@ -237,3 +237,19 @@ class TestCriteria:
 
     def test_other_zigzags_have_no_limits(self, container):
         assert imo_criteria(self.zigzag(15.0, 12.7), container) == []
+
+
+@pytest.mark.parametrize(
+    ("around", "words"),
+    [
+        ({"current": (1.0, 90.0)}, "a current of 1 m/s"),
+        ({"n": 1.2, "current": (0.5, 0.0)}, "a current of 0.5 m/s and n = 1.2 1/s"),
+        ({}, ""),
+    ],
+)
+def test_a_verdict_names_the_surroundings_that_no_criterion_has(around, words):
+    vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular")
+    tree = ps.forecast(vessel, ps.turning_circle(35), duration=900, rng=1, **around)
+    for row in ps.imo_probabilities(tree, vessel):
+        assert ("calm water" in row["verdict"]) == bool(words)
+        assert words in row["verdict"]

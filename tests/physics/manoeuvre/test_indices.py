@@ -313,3 +313,17 @@ class TestErrors:
         record = sine(0.5)
         del record.attrs["manoeuvre"]
         assert float(ps.indices(record, manoeuvre="zigzag")["first_overshoot_angle"]) == pytest.approx(8.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("current", [(2.0, 0.0), (1.0, 180.0)])
+def test_the_advance_in_a_current_counts_from_the_order_over_ground(current):
+    """The water moves from the order on, during the delay of the gear, too."""
+    vessel = ps.load_vessel("kvlcc2")
+    settings = {"duration": 600.0, "step": 0.1, "method": "rk4"}
+    calm, drifting = (
+        ps.indices(ps.simulate(vessel, ps.turning_circle(35.0), current=flow, **settings)) for flow in (None, current)
+    )
+    assert vessel.particulars.rudder_delay > 1.0
+    drift = current[0] * np.cos(np.deg2rad(current[1])) * float(calm["time_to_90"])
+    assert float(drifting["advance"]) == pytest.approx(float(calm["advance"]) + drift, abs=0.02)
+    assert float(drifting["time_to_90"]) == pytest.approx(float(calm["time_to_90"]), rel=1e-9)

@@ -8,9 +8,11 @@ from pymc_ship.ships.ensemble.draws import fitted_motion, sensor_noise
 from pymc_ship.ships.ensemble.scores import BANDS, quantiles
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
 from pymc_ship.ships.forecasting.forecast import _median_draw, draws_text, has_roll, pooled_forecast
+from pymc_ship.ships.forecasting.page import measured_doubts
 from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.record import OVER_GROUND
 from tests.inference.trajectory.cases import unmodelled_roll_text
-from tests.ships.ensemble.cases import posterior_forecast
+from tests.ships.ensemble.cases import posterior_forecast, ship_of
 from tests.ships.forecasting.posteriors import joint, posterior, scattered
 
 ZIGZAG = ps.zigzag(20.0, 20.0)
@@ -324,3 +326,45 @@ class TestShipsThatRollAndShipsThatDoNot:
         assert "maximum_roll_angle" not in tree["indices"]
         assert tree["indices"].sizes["draw"] == rolling + 30
         assert float(tree["index_bands"]["first_overshoot_angle"].sel(band="median")) > 0.0
+
+
+class TestSentencesOnWhatIsSimulated:
+    """Term sets that do not depend on revolutions are left out with them, and hold one speed without them."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def ship(cls):
+        terms = ps.load_vessel("kvlcc2")
+        models = [(one, np.tile(reference_coefficients(one), (n, 1))) for one, n in ((terms, 30), (modular(terms), 10))]
+        return ship_of(*models)
+
+    def test_term_sets_that_are_left_out_are_counted(self, ship):
+        tree = ps.forecast(ship, ZIGZAG, rng=1, duration=200.0, n=1.5)
+        assert tree.attrs["term_sets"] == 1
+        assert "1 of 2 term sets, with 75 % of the draws" in tree.attrs["steering"]
+        without = ps.forecast(ship, ZIGZAG, rng=1, duration=200.0)
+        assert without.attrs["term_sets"] == 2
+        assert "left out" not in without.attrs["steering"]
+
+    @pytest.mark.parametrize(("speed", "held"), [(4.0, False), (7.6, True), (None, True)])
+    def test_terms_hold_the_nominal_speed_alone(self, ship, speed, held):
+        slow = ps.zigzag(20.0, 20.0, approach_speed=speed)
+        tree = ps.forecast(ship, slow, rng=1, duration=200.0)
+        assert ("hold 7.974 m/s alone: from" in tree.attrs["steering"]) != held
+        parts = ps.forecast(modular(ps.load_vessel("kvlcc2")), slow, rng=1, duration=200.0)
+        assert "alone" not in parts.attrs["steering"]
+
+    def test_what_a_measured_trial_has_and_its_forecast_has_not_is_named(self, ship):
+        tree = ps.forecast(ship, ZIGZAG, rng=1, duration=200.0)
+        trial = ps.simulate("kvlcc2", ZIGZAG, duration=400.0, step=0.5)
+        wind = {"wind_speed": ("time", np.full(800, 9.0)), "wind_direction": ("time", np.full(800, np.deg2rad(40.0)))}
+        (windy,) = measured_doubts({"a": trial.assign(wind)}, {"a": tree})
+        assert "9 m/s from 40 deg off the bow" in windy
+        (ground,) = measured_doubts({"a": trial.assign_attrs(speeds=OVER_GROUND)}, {"a": tree})
+        assert "over ground" in ground
+        assert measured_doubts({"a": trial}, {"a": tree}) == []
+
+
+def modular(vessel):
+    """The vessel as a modular model."""
+    return ps.with_terms(vessel, "modular")

@@ -19,6 +19,7 @@ from pymc_ship.ships.forecasting.stopping import (
     stopping_sentence,
     stopping_tracks,
 )
+from tests.sentences import refused
 from tests.ships.ensemble.cases import ship_of
 
 ANY_SPEED = "modular at any speed"
@@ -152,3 +153,10 @@ def test_the_figure_has_tracks_and_speeds(drawn):
     assert track.get_xlabel() == "transfer to starboard [L]"
     assert speed.get_ylabel() == "surge velocity u [m/s]"
     assert len(track.lines) == len(speed.lines) > 10
+
+
+@pytest.mark.parametrize("speed", [-3.0, 0.0, np.nan, 100.0])
+def test_a_stopping_test_begins_with_way_ahead(speed):
+    vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed")
+    with refused(ps.SimulationError, "approach_speed"):
+        ps.stopping(vessel, astern=1.0, approach_speed=speed)

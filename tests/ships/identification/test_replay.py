@@ -7,9 +7,11 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.motion.equations import STATE
-from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.physics.motion.stepping import simulation_settings
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD
 from pymc_ship.ships.ensemble.motion_error import ERROR_STATES
+from pymc_ship.ships.ensemble.ship import Member
 from pymc_ship.ships.identification.open_loop import reading_noise_sd, replay_noise_sd
 from pymc_ship.ships.identification.replay import SCORED
 from tests.physics.forces.test_parts import AHEAD
@@ -205,3 +207,18 @@ def test_indices_beyond_the_runs_have_the_growth_of_the_error(tanker):
     assert (beyond["beyond"] > 1.0).all()
     grown = np.sqrt(beyond["sd"] ** 2 - inside["sd"] ** 2) / (EXTRAPOLATION_SD * beyond["beyond"] * beyond["scale"])
     assert (grown > 1.0).all()  # the 95 % interval of a half-Cauchy growth is wider than that of its median
+
+
+def test_indices_are_those_of_the_estimate_not_of_the_mean_of_the_draws(tanker):
+    """The draws of a posterior that is curved: their mean is no ship of it."""
+    truth, zigzag, settings = reference_coefficients(tanker), ps.zigzag(20, 20), simulation_settings(tanker)
+    record = ps.simulate(tanker, zigzag, duration=700.0, **settings)
+    of_yaw = np.array([name.startswith("N") for name in coefficient_names(tanker)])
+    draws = truth * (1.0 + 0.2 * of_yaw * np.abs(np.random.default_rng(1).standard_normal((40, 1))))
+    ship = ps.Ship((Member("curved", tanker, draws, truth),))
+    compared = ps.score_indices(ship, record, rng=1)
+    of_mean = ps.indices(ps.simulate(tanker, zigzag, duration=700.0, coefficients=draws.mean(axis=0)[None], **settings))
+    for name in ("first_overshoot_angle", "initial_turning_time"):
+        measured, forecast = (compared[key].sel(index=name).item() for key in ("measured", "forecast"))
+        assert forecast == pytest.approx(measured, rel=5e-3)
+        assert abs(of_mean[name].item() - measured) > 0.02 * measured

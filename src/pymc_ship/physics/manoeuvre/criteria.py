@@ -71,8 +71,18 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
             "unfinished": unfinished,
             "conformity": "passes" if passes else "fails" if fails else "open",
         }
-        rows.append(row | {"verdict": _sentence(row, duration, needed)})
+        rows.append(row | {"verdict": _sentence(row, duration, needed) + _surroundings(index_draws.attrs)})
     return rows
+
+
+def _surroundings(attrs: Mapping[str, Any]) -> str:
+    """Sentence on current, wind and revolutions of a forecast, which no criterion has; empty without them."""
+    flows = {what: attrs[f"{what}_speed"] for what in ("wind", "current") if f"{what}_speed" in attrs}
+    given = [f"a {what} of {speed:.3g} m/s" for what, speed in flows.items()]
+    given += [f"n = {attrs['n']:.3g} 1/s"] if "n" in attrs else []
+    if not given:
+        return ""
+    return f" That is with {' and '.join(given)}: the criteria are for calm water and the revolutions of the approach."
 
 
 def fraction_of_draws(holds: np.ndarray) -> float:

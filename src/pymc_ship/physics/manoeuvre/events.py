@@ -25,10 +25,16 @@ class Record:
     """One run up to its divergence: time, motion, and interpolants of heading and track.
 
     The first sample is the first movement of the rudder, ``delay`` [s] after its order; the course is straight until
-    then.
+    then. The water drifts [m/s] to north and east where that is known.
     """
 
-    def __init__(self, time: np.ndarray, motion: dict[str, np.ndarray], delay: float = 0.0):
+    def __init__(
+        self,
+        time: np.ndarray,
+        motion: dict[str, np.ndarray],
+        delay: float = 0.0,
+        drift: tuple[float, float] = (0.0, 0.0),
+    ):
         good = np.isfinite(motion["psi"])
         end = good.size if good.all() else int(np.argmin(good))
         self.time, self.ordered_at = time[:end], time[0] - delay
@@ -38,10 +44,11 @@ class Record:
         self.psi_dot = self.motion["r"] * upright
         self.x_dot = surge * np.cos(psi) - sway * np.sin(psi)
         self.y_dot = surge * np.sin(psi) + sway * np.cos(psi)
+        self.ground = {"x": self.x_dot + drift[0], "y": self.y_dot + drift[1]}
 
     def at(self, name: str, when: ArrayLike) -> Any:
         """Value of psi, x or y at a time or an array of times."""
-        slope = {"psi": self.psi_dot, "x": self.x_dot, "y": self.y_dot}[name]
+        slope = self.psi_dot if name == "psi" else self.ground[name]
         k = np.clip(np.searchsorted(self.time, when) - 1, 0, self.time.size - 2)
         a, b, c, d = _cubic(self.time, self.motion[name], slope, k)
         s = when - self.time[k]
@@ -78,16 +85,16 @@ class Record:
         path = np.append(self.time[self.time < until], until)
         x, y = (np.diff(self.at(name, path)) for name in ("x", "y"))
         middle = 0.5 * (path[1:] + path[:-1])
-        north, east = (np.interp(middle, self.time, rate) for rate in (self.x_dot, self.y_dot))
+        north, east = (np.interp(middle, self.time, rate) for rate in self.ground.values())
         velocity = (north + 1j * east)[north**2 + east**2 > 0.0]
         advanced = (x + 1j * y)[north**2 + east**2 > 0.0] * np.conj(velocity) / np.abs(velocity)
-        before = (self.time[0] - self.ordered_at) * np.hypot(self.x_dot[0], self.y_dot[0])
+        before = (self.time[0] - self.ordered_at) * np.hypot(*(rate[0] for rate in self.ground.values()))
         return float(np.abs(advanced.sum()) + before)
 
     def displacement(self, when: float) -> tuple[float, float]:
         """Position [m] at a time, counted from that of the order: along the first heading, and to starboard of it."""
         delay = self.time[0] - self.ordered_at
-        origin = {"x": self.motion["x"][0] - delay * self.x_dot[0], "y": self.motion["y"][0] - delay * self.y_dot[0]}
+        origin = {name: self.motion[name][0] - delay * rate[0] for name, rate in self.ground.items()}
         north, east = (self.at(name, when) - start for name, start in origin.items())
         course = self.motion["psi"][0]
         return north * np.cos(course) + east * np.sin(course), east * np.cos(course) - north * np.sin(course)

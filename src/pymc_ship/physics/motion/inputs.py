@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import xarray as xr
 
@@ -13,6 +15,7 @@ from pymc_ship.physics.vessel.parts import FIXED_SD, ship_dimensions
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import OVER_GROUND
 
+_SAME_SPEED = 0.1  # of the nominal speed, within which terms without revolutions hold a speed
 _MOST_REVOLUTIONS = 5.0  # over the nominal ones
 
 Flow = tuple[float, float] | None
@@ -63,6 +66,18 @@ def revolutions_measured(trial: xr.Dataset) -> bool:
 def takes_revolutions(vessel: Vessel) -> bool:
     """Whether the thrust of a vessel depends on revolutions in 1/s: it has parts and a stated propeller."""
     return vessel.modular and vessel.propeller is not None
+
+
+def held_speed(vessels: Iterable[Vessel], approach_speed: float, n: float | None = None) -> list[str]:
+    """Sentence on vessels that tend to another speed than that of the approach [m/s]; none without any."""
+    for vessel in vessels if n is None else ():
+        nominal = vessel.particulars.nominal_speed
+        if not vessel.modular and abs(approach_speed - nominal) > _SAME_SPEED * nominal:
+            return [
+                f"Terms without revolutions hold {nominal:.4g} m/s alone: from {approach_speed:.4g} m/s the ship tends "
+                "to it, which changes times and distances."
+            ]
+    return []
 
 
 def flow_components(flow: Flow) -> np.ndarray:

@@ -184,7 +184,7 @@ def simulate(
     initial_state : sequence of float, optional
         u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m] at time 0, in place of a straight course to the north.
     n : float, optional
-        Revolutions [1/s]; those that hold the approach speed by default.
+        Revolutions [1/s]; those that hold the approach speed by default. Terms without parts hold the nominal one.
     wind : (float, float), optional
         True wind: speed [m/s] and the direction from which it blows [deg].
     current : (float, float), optional

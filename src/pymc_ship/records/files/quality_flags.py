@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import xarray as xr
 
+from pymc_ship.trial.record import OVER_GROUND
+
 _OF_A_FIT = ("excitation", "ranges")  # checks of what a record can teach a fit
 VERDICTS = ("good", "not checked", "doubtful", "bad")  # a trial with a bad check is not fitted
 
@@ -39,3 +41,14 @@ def quality_remarks(trials: Mapping[str, xr.Dataset]) -> list[str]:
     """
     remarks = quality_flags(list(trials.values()), list(trials))["record_remarks"].splitlines()
     return [remark for remark in remarks if not any(f"Doubtful: {check}" in remark for check in _OF_A_FIT)]
+
+
+def ground_remarks(trials: Mapping[str, xr.Dataset]) -> list[str]:
+    """Sentence on trials whose speeds are over ground, for simulations through still water; none without any."""
+    named = [name for name, trial in trials.items() if trial.attrs.get("speeds") == OVER_GROUND]
+    if not named:
+        return []
+    return [
+        f"The speeds of {', '.join(named)} are over ground, and are compared with still water: a current counts as an "
+        "error of the ship."
+    ]

@@ -12,8 +12,10 @@ import xarray as xr
 from pymc_ship.machine.arguments import check_choice, check_counts, check_probabilities
 from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.pages.tables import rounded_percent
 from pymc_ship.physics.manoeuvre.indices import indices, needs_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
+from pymc_ship.physics.motion.inputs import held_speed
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
@@ -125,8 +127,21 @@ def forecast(
     sentences = [_steering_sentence(models[0][0], ship.facilities, facility)]
     sentences += [order_sentence(tree.attrs["rudder_delay"], approach)] if manoeuvre.traits.indices else []
     sentences += [f"The approach is at {approach:.4g} m/s."] if facility is not None else []
+    sentences += _left_out(ship, all_models) + held_speed([vessel for vessel, _ in models], approach, n)
     tree.attrs["steering"] = " ".join(sentences)
     return tree
+
+
+def _left_out(ship: Ship, suitable: Models) -> list[str]:
+    """Sentence on the draws of term sets that do not depend on the given revolutions or wind; none without any."""
+    lacking = 1.0 - sum(len(rows) for _, rows in suitable) / ship.draws
+    if lacking <= 0.0:
+        return []
+    n = len(ship.models) - len(suitable)
+    return [
+        f"{n} of {len(ship.models)} term sets, with {rounded_percent(lacking)} of the draws, do not depend on the "
+        "given revolutions or wind and are left out."
+    ]
 
 
 def _feasible(models: Models, manoeuvre: Manoeuvre, runs: list[xr.Dataset]) -> list[xr.Dataset]:
@@ -211,6 +226,7 @@ def pooled_forecast(
         groups |= {"indices": index_draws, "index_bands": quantile_bands(index_draws, ci_prob)}
     attrs = ships.attrs | {"label": manoeuvre.label, "draws": ships.sizes["draw"], "ci_prob": ci_prob, "ci_kind": "eti"}
     attrs |= {
+        "term_sets": sum(run.sizes["draw"] > 0 for run in runs),
         "median_draw": _median_draw(compared, ~ships["diverged"].values),
         "infeasible_fraction": 1.0 - ships.sizes["draw"] / sum(len(rows) for _, rows in models),
         "diverged_fraction": float(ships["diverged"].mean()),

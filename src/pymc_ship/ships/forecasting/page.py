@@ -16,9 +16,10 @@ from pymc_ship.pages.tables import Table, fixed_point, heads, number, percent, r
 from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY, imo_probabilities, probability_text
 from pymc_ship.physics.manoeuvre.indices import needs_roll
 from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.manoeuvre.steering_record import base_course
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.files.quality_flags import quality_remarks
+from pymc_ship.records.files.quality_flags import ground_remarks, quality_remarks
 from pymc_ship.records.steering.measured import measured_indices
 from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, error_rows
 from pymc_ship.ships.ensemble.scores import BANDS
@@ -142,7 +143,7 @@ def write_forecast_page(
         "spiral": spiral_sentence(turns) if turns is not None else "",
         "stopping": stopping_sentence(stop) if stop is not None else "",
         "stopping_table": table(rows["forecast_stopping"], STOPPING_COLUMNS) if stop is not None else None,
-        "remarks": [*measured_doubts(measured), *ship.remarks, *interval_remarks(ship, forecasts), *no_roll],
+        "remarks": [*measured_doubts(measured, forecasts), *ship.remarks, *interval_remarks(ship, forecasts), *no_roll],
         "command": command,
     }
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
@@ -151,7 +152,7 @@ def write_forecast_page(
 def _head(ship: Ship, forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
     draws = [tree.attrs["draws"] for tree in forecasts.values()]
     return {
-        "method": _method(ship, max(draws, default=ship.draws)),
+        "method": _method(ship, max(draws, default=ship.draws), _term_sets(ship, forecasts)),
         "title": f"{vessel.name}: forecast of its manoeuvres",
         "vessel_title": vessel.title or vessel.name,
         "particulars": vessel.particulars,
@@ -161,9 +162,14 @@ def _head(ship: Ship, forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> d
     }
 
 
-def _method(ship: Ship, draws: int) -> str:
+def _term_sets(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> str:
+    """Number of term sets that are simulated, as text."""
+    count = max((tree.attrs["term_sets"] for tree in forecasts.values()), default=len(ship.models))
+    return f"{count} term set{'s' * (count != 1)}"
+
+
+def _method(ship: Ship, draws: int, sets: str) -> str:
     """Sentence: number of draws, term sets and prior of a forecast."""
-    sets = f"{len(ship.models)} term set{'s' * (len(ship.models) != 1)}"
     if ship.index_error is None:
         return f"Each forecast simulates {draws} draw{'s' * (draws != 1)} of {sets}, without model error."
     prior = f" and the prior: {PRIORS[ship.prior]}" if ship.prior in PRIORS else ""
@@ -205,9 +211,19 @@ def _missed(row: Mapping) -> str:
     return f"{row['index']} {n(row['measured'])} {row['units']} against {_interval(row, n)}"
 
 
-def measured_doubts(measured: Mapping[str, xr.Dataset]) -> list[str]:
-    """Sentences: doubtful checks of the measured trials, by the name of their forecast."""
-    return quality_remarks({f"{name}, measured": trial for name, trial in measured.items()})
+def measured_doubts(measured: Mapping[str, xr.Dataset], forecasts: Mapping[str, xr.DataTree]) -> list[str]:
+    """Sentences: doubtful checks of the measured trials by the name of their forecast, and what it does not have."""
+    remarks = quality_remarks({f"{name}, measured": trial for name, trial in measured.items()})
+    still = {name: trial for name, trial in measured.items() if "current_speed" not in forecasts[name].attrs}
+    for name, trial in measured.items():
+        if "wind_speed" in trial and "wind_direction" in trial and "wind_speed" not in forecasts[name].attrs:
+            flow = np.nanmean(trial["wind_speed"].values * np.exp(1j * trial["wind_direction"].values))
+            bow = round(float(np.rad2deg(np.angle(flow) - base_course(trial)))) % 360
+            remarks += [
+                f"{name}, measured: its mean wind, {np.abs(flow):.3g} m/s from {bow} deg off the bow of the approach, "
+                f"is not in the forecast. Forecast with wind {np.abs(flow):.3g}/{bow}, if the ship has wind forces."
+            ]
+    return remarks + ground_remarks(still)
 
 
 def _outside(tree: xr.DataTree) -> str:
@@ -224,8 +240,8 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
             "include the uncertainty of the coefficients, not that of the model's form."
         ]
     remarks = [
-        f"{len(ship.models)} term sets are weighted by their score on held-out runs: bands, tracks and force curves "
-        "include their scatter and that of the coefficients.",
+        f"The draws are of {_term_sets(ship, forecasts)}, weighted by held-out runs: bands, tracks and force curves "
+        "include the scatter between sets and of the coefficients.",
         *(f"{label}: {tree.attrs['steering']}" for label, tree in forecasts.items()),
         *filter(None, map(refused_sentence, forecasts.values())),
         *dict.fromkeys(tree.attrs["reliability"] for tree in forecasts.values() if "reliability" in tree.attrs),

@@ -29,6 +29,7 @@ COLUMNS = heads(str, index="index", units="") | heads(fixed_point(1), median="me
 LONGEST = 150.0  # longest simulated time [L/U]
 MOST_ASTERN = 1.5  # largest ratio of revolutions astern to the nominal ones
 REVERSAL = 1.5  # default time from the order to the revolutions astern [L/U]
+_FASTEST = 5.0  # largest approach speed, over the nominal one
 _LEAST_DRAWS = 40  # draws of an interval of 95 % and of a probability
 _STEPS = 20  # in L/U
 _SHOWN = 40  # tracks of a figure
@@ -76,6 +77,11 @@ class StoppingTest:
                 "are 1/s)."
             )
         speed = s.nominal_speed if self.approach_speed is None else self.approach_speed
+        if not 0.0 < speed < _FASTEST * s.nominal_speed:
+            raise SimulationError(
+                f"A stopping test begins with way ahead, up to {_FASTEST:g} times the nominal {s.nominal_speed:.3g} "
+                f"m/s, found {speed} m/s; correct approach_speed."
+            )
         return reversal, speed
 
     def simulate(self, vessel: Vessel, coefficients: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -115,7 +121,7 @@ def stopping(
     Raises
     ------
     SimulationError
-        Without a model with forces astern, or for revolutions or times out of range.
+        Without a model with forces astern, or for revolutions, times or an approach speed out of range.
 
     Examples
     --------

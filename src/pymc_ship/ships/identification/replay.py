@@ -227,6 +227,7 @@ def score_indices(
     rng, ship, trials = random_generator(rng), as_ship(ship), trial_list(trials)
     names = run_names("A score", names, len(trials))
     drawn_models, errors = thinned_draws(ship.models, draws), ship.index_error or {}
+    estimates = [member.estimate for member in ship.members if len(member.draws)]
     weight = np.array([len(rows) for _, rows in drawn_models], dtype=float)
     manoeuvres, _ = recognise_by_facility(trials, ship.vessel)
     rows = []
@@ -234,8 +235,8 @@ def score_indices(
         if manoeuvre is not None:
             gear = ship.facilities.get(facility_of(trial))
             models = [
-                (with_steering(vessel, gear) if gear else vessel, np.vstack([drawn.mean(axis=0), drawn]))
-                for vessel, drawn in drawn_models
+                (with_steering(vessel, gear) if gear else vessel, np.vstack([estimate, drawn]))
+                for (vessel, drawn), estimate in zip(drawn_models, estimates, strict=True)
             ]
             delay = models[0][0].particulars.rudder_delay
             noise = {} if ship.index_error is None else index_noise_sd(trial, manoeuvre, delay, rng)

@@ -13,7 +13,7 @@ from pymc_ship.machine.arguments import check_counts
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import fixed_point, heads, number, table
-from pymc_ship.records.files.quality_flags import quality_remarks
+from pymc_ship.records.files.quality_flags import ground_remarks, quality_remarks
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 from pymc_ship.ships.identification.replay import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
@@ -92,7 +92,7 @@ def write_score_page(
             "indices": table(index_error_rows, columns),
         },
         "missed": _missed(index_error_rows),
-        "remarks": quality_remarks(trials),
+        "remarks": quality_remarks(trials) + ground_remarks(trials),
         "shown": selected,
         "command": command,
     }
