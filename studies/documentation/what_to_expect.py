@@ -55,7 +55,7 @@ tactical diameter is {foreign_error} %, and {foreign_inside} intervals hold the 
 
 ## Probabilities
 
-A forecast states at most {cap} that a limit is met. Of {made} statements of 99 % beyond the motion of the trials,
+Beyond the motion of the trials a forecast states at most {cap} that a limit is met. Of {made} statements of 99 %,
 {held} were right.
 
 ## Limits
