@@ -88,7 +88,7 @@ def test_a_verdict_is_open_between_5_and_95_percent(container, passing, conformi
 
 
 @pytest.mark.parametrize(
-    ("draws", "probability", "conformity"), [(1, 2 / 3, "open"), (2, 0.75, "open"), (18, 0.95, "passes")]
+    ("draws", "probability", "conformity"), [(2, 0.75, "open"), (3, 0.8, "open"), (18, 0.95, "passes")]
 )
 def test_few_draws_support_no_certain_statement(container, draws, probability, conformity):
     """Laplace's rule: n draws that all pass leave a probability of (n + 1)/(n + 2)."""
@@ -253,3 +253,12 @@ def test_a_verdict_names_the_surroundings_that_no_criterion_has(around, words):
     for row in ps.imo_probabilities(tree, vessel):
         assert ("calm water" in row["verdict"]) == bool(words)
         assert words in row["verdict"]
+
+
+@pytest.mark.parametrize(("angle", "words"), [(10.0, "meets"), (30.0, "does not meet")])
+def test_one_ship_meets_a_limit_or_not_without_a_probability(container, angle, words):
+    first, *_ = ps.imo_probabilities(zigzag([angle]), container)
+    assert first["verdict"] == (
+        f"first overshoot angle {angle:.1f} deg: one ship, without uncertainty, {words} the limit of 15.0 deg."
+    )
+    assert (first["probability"], first["conformity"]) == ((1.0, "passes") if angle < 15.0 else (0.0, "fails"))

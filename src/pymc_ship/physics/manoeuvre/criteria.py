@@ -35,7 +35,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
         ``standard_error`` (binomial), ``not_reached`` (fraction of draws that diverge or do not reach the event, which
         counts as not passing), ``unfinished`` (fraction of draws that a forecast shorter than those of its kind ends
         before the event), ``conformity`` (passes, open or fails) and ``verdict``, one sentence. With unfinished draws
-        ``probability`` is the least one; it is bounded as by :func:`fraction_of_draws`.
+        ``probability`` is the least one; it is bounded as by :func:`fraction_of_draws`, but 0 or 1 for a single draw.
 
     Raises
     ------
@@ -56,7 +56,8 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     for name, limit, unit, units in imo_limits(index_draws.attrs, vessel):
         values = index_draws[name].values / unit
         reached = running & np.isfinite(values)
-        probability = float(np.clip(fraction_of_draws(reached & (values <= limit)), 1.0 - cap, cap))
+        holds = reached & (values <= limit)
+        probability = float(np.clip(fraction_of_draws(holds), 1.0 - cap, cap) if values.size > 1 else holds[0])
         unfinished = float(np.mean(running & ~reached)) if duration < _SHORTER * needed else 0.0
         passes, fails = (
             probability >= CONFORMANCE_PROBABILITY,
@@ -71,8 +72,18 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
             "unfinished": unfinished,
             "conformity": "passes" if passes else "fails" if fails else "open",
         }
-        rows.append(row | {"verdict": _sentence(row, duration, needed) + _surroundings(index_draws.attrs)})
+        sentence = _sentence(row, duration, needed) if values.size > 1 else _sentence_on_one(row)
+        rows.append(row | {"verdict": sentence + _surroundings(index_draws.attrs)})
     return rows
+
+
+def _sentence_on_one(row: dict[str, Any]) -> str:
+    """Verdict in words on a forecast of one draw, which is a ship without uncertainty."""
+    decimals = 1 if row["units"] == "deg" else 2
+    value = f"{row['median']:.{decimals}f} {row['units']}" if np.isfinite(row["median"]) else "not reached"
+    meets = "meets" if row["probability"] else "does not meet"
+    limit = f"{row['limit']:.{decimals}f} {row['units']}"
+    return f"{row['criterion']} {value}: one ship, without uncertainty, {meets} the limit of {limit}."
 
 
 def _surroundings(attrs: Mapping[str, Any]) -> str:
