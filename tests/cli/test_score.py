@@ -37,7 +37,7 @@ def test_a_table_of_every_channel_and_a_score(record, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--length", "-3"], "positive length and distance of windows"),
+        (["--length", "-3"], "windows of positive length and distance"),
         (["--length", "1e5"], "A score needs a record of"),
         (["--draws", "0"], "draws must be a whole number from 1 up"),
     ],

@@ -95,7 +95,7 @@ def test_simulate_runs_a_programme_in_degrees(container, tmp_path, capsys):
     ("words", "is_too_long"),
     [
         (["--step", 2, "--method", "rk4"], False),
-        (["--step", 20, "--method", "rk4"], True),
+        (["--step", 60, "--method", "rk4"], True),
         (["--step", 20, "--method", "dop853"], False),
         (["--duration", 0.1], False),
     ],

@@ -113,8 +113,8 @@ def test_they_are_finite_however_wide_the_law(fit, windows, vessel):
     wild = randomize_then_optimize(replace(fit, from_windows=1e6 * fit.from_windows), N, np.random.default_rng(3))
     assert np.isfinite(wild).all()
     straight = normal_draws(replace(fit, from_windows=1e6 * fit.from_windows), N, np.random.default_rng(3))
-    assert np.isnan(rms_residuals(windows, vessel, straight)).any()
-    assert not np.isnan(rms_residuals(windows, vessel, wild)).any()
+    assert np.isnan(rms_residuals(windows, vessel, straight)).mean() > 0.5
+    assert np.isnan(rms_residuals(windows, vessel, wild)).mean() < 0.05
 
 
 def test_a_law_without_windows_has_normal_draws():

@@ -231,9 +231,8 @@ def _no_drift_text(trial: xr.Dataset, scale: ShipScale, psi: np.ndarray, drift: 
         return ""
     interval = ship_blocks(trial, scale, YAW_BLOCK).size * sampling_interval(trial)
     turning = np.gradient(psi, interval / scale.time)  # rL/U
-    if np.quantile(np.abs(turning), 0.05) > 0.5 * np.abs(turning).max():  # it turns throughout: no slope to be seen
-        return ""
-    (slope, _), (error, _), _ = least_squares([turning, np.ones(drift.size)], drift)
+    throughout = np.quantile(np.abs(turning), 0.05) > 0.5 * np.abs(turning).max()  # shows the ratio, and no slope
+    (slope, *_), (error, *_), _ = least_squares([turning, *([] if throughout else [np.ones(drift.size)])], drift)
     if slope + SIGNIFICANT * error > NO_DRIFT:
         return ""
     text = f"The course over ground has a drift angle of {slope:.2g} rL/U (ships: 0.3 to 0.7): {COURSE}, or the "
