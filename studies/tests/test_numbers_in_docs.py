@@ -234,7 +234,7 @@ def of_model_error():
         f"| distance | L | {distance} |",
         f"| angle of roll | itself | {constants()['index_typical'].value['roll']:.3f} |",
         f"whose median adds an sd of {value('index_extrapolation_sd')} for each range",
-        f"a forecast states at most {SUREST}",
+        f"beyond the runs it is at most {SUREST}",
         f"is {float(table('kvlcc2/tables/model_error')[0]['median']):.3f} of the peak heading",
         f"intervals of 95 % hold {share(rows('trials')['one 20/20'], 95)} %.",
     ]

@@ -251,8 +251,9 @@ def test_a_verdict_names_the_surroundings_that_no_criterion_has(around, words):
     vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular")
     tree = ps.forecast(vessel, ps.turning_circle(35), duration=900, rng=1, **around)
     for row in ps.imo_probabilities(tree, vessel):
-        assert ("calm water" in row["verdict"]) == bool(words)
+        assert ("not as in the criteria" in row["verdict"]) == bool(words)
         assert words in row["verdict"]
+        assert words in row["surroundings"]
 
 
 @pytest.mark.parametrize(("angle", "words"), [(10.0, "meets"), (30.0, "does not meet")])

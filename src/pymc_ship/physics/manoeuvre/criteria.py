@@ -34,7 +34,8 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
         ``criterion``, ``limit``, ``units`` (deg or L), ``median``, ``lower``, ``upper``, ``probability``,
         ``standard_error`` (binomial), ``not_reached`` (fraction of draws that diverge or do not reach the event, which
         counts as not passing), ``unfinished`` (fraction of draws that a forecast shorter than those of its kind ends
-        before the event), ``conformity`` (passes, open or fails) and ``verdict``, one sentence. With unfinished draws
+        before the event), ``conformity`` (passes, open or fails), ``surroundings`` (wind, current or
+        revolutions that no criterion has, as words) and ``verdict``, one sentence. With unfinished draws
         ``probability`` is the least one; it is bounded as by :func:`fraction_of_draws`, but 0 or 1 for a single draw.
 
     Raises
@@ -72,8 +73,9 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
             "unfinished": unfinished,
             "conformity": "passes" if passes else "fails" if fails else "open",
         }
+        row["surroundings"] = _surroundings(index_draws.attrs)
         sentence = _sentence(row, duration, needed) if values.size > 1 else _sentence_on_one(row)
-        rows.append(row | {"verdict": sentence + _surroundings(index_draws.attrs)})
+        rows.append(row | {"verdict": sentence})
     return rows
 
 
@@ -83,17 +85,19 @@ def _sentence_on_one(row: dict[str, Any]) -> str:
     value = f"{row['median']:.{decimals}f} {row['units']}" if np.isfinite(row["median"]) else "not reached"
     meets = "meets" if row["probability"] else "does not meet"
     limit = f"{row['limit']:.{decimals}f} {row['units']}"
-    return f"{row['criterion']} {value}: one ship, without uncertainty, {meets} the limit of {limit}."
+    return f"{row['criterion']} {value}{_beside(row)}: one ship, without uncertainty, {meets} the limit of {limit}."
+
+
+def _beside(row: dict[str, Any]) -> str:
+    return f" {row['surroundings']}" if row["surroundings"] else ""
 
 
 def _surroundings(attrs: Mapping[str, Any]) -> str:
-    """Sentence on current, wind and revolutions of a forecast, which no criterion has; empty without them."""
+    """Words on current, wind and revolutions of a forecast, which no criterion has; empty without them."""
     flows = {what: attrs[f"{what}_speed"] for what in ("wind", "current") if f"{what}_speed" in attrs}
     given = [f"a {what} of {speed:.3g} m/s" for what, speed in flows.items()]
     given += [f"n = {attrs['n']:.3g} 1/s"] if "n" in attrs else []
-    if not given:
-        return ""
-    return f" That is with {' and '.join(given)}: the criteria are for calm water and the revolutions of the approach."
+    return f"with {' and '.join(given)}, not as in the criteria" if given else ""
 
 
 def fraction_of_draws(holds: np.ndarray) -> float:
@@ -120,8 +124,8 @@ def _sentence(row: dict[str, Any], duration: float, needed: float) -> str:
     fraction = f"{float(format(100.0 * row['not_reached'], '.2g')):g} %"
     lacking = f" ({fraction} of the draws diverge or do not reach it{within}, {uncounted})"
     return (
-        f"{row['criterion']} {median} {row['units']} ({lower} to {upper}): passes the limit of {limit} {row['units']} "
-        f"with probability {'at least ' if within else ''}{probability_text(row['probability'])}"
+        f"{row['criterion']} {median} {row['units']} ({lower} to {upper}){_beside(row)}: passes the limit of {limit} "
+        f"{row['units']} with probability {'at least ' if within else ''}{probability_text(row['probability'])}"
         f"{lacking if row['not_reached'] else ''}."
     )
 

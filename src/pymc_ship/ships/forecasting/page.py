@@ -420,6 +420,7 @@ def verdict_table(rows: Sequence[Mapping]) -> Table:
         median = f"{n(row['median'])} ({_interval(row, n)})" if np.isfinite(row["median"]) else "–"
         texts |= {"forecast": median, "probability": probability_text(row["probability"])}
         texts["extrapolated"] = percentage_outside(row["extrapolated"]) if np.isfinite(row["extrapolated"]) else "–"
+        texts["manoeuvre"] = ", ".join(filter(None, [row["manoeuvre"], row["surroundings"]]))
         if row["missed"]:
             texts["measured"] += ", outside"
             texts["conformity"] = f"{row['conformity']}, interval missed"
