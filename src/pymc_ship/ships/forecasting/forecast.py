@@ -126,8 +126,8 @@ def forecast(
     approach = tree.attrs["approach_speed"]
     sentences = [_steering_sentence(models[0][0], ship.facilities, facility)]
     sentences += [order_sentence(tree.attrs["rudder_delay"], approach)] if manoeuvre.traits.indices else []
-    sentences += [f"The approach is at {approach:.4g} m/s."] if facility is not None else []
     sentences += _left_out(ship, all_models) + held_speed([vessel for vessel, _ in models], approach, n)
+    sentences += [f"The approach is at {approach:.4g} m/s."] if facility is not None else []
     tree.attrs["steering"] = " ".join(sentences)
     return tree
 
