@@ -121,13 +121,15 @@ def plain_text(text: str) -> str:
     return text if text.isascii() else text.translate(_PLAIN)
 
 
-def without_thousands(texts: Mapping[str, list[str]]) -> tuple[dict[str, list[str]], dict[str, int]]:
+def without_thousands(
+    texts: Mapping[str, list[str]], joined: Mapping[str, str]
+) -> tuple[dict[str, list[str]], dict[str, int]]:
     """Cells of columns without the separators of groups of three digits, and the number of such cells.
 
     A file has one decimal mark: where other columns have the point alone, whole numbers such as 1,002 have groups.
+    ``joined`` has the cells of each column as one text.
     """
     plain, counts = dict(texts), {}
-    joined = {name: "".join(cells) for name, cells in texts.items()}
     marks = {name: {mark for mark in ",. '’" if mark in text} for name, text in joined.items()}
     for name, cells in texts.items():
         decimal = marks[name] & {",", "."}

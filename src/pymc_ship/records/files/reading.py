@@ -494,6 +494,8 @@ def _with_whole_stamps(table: TextTable) -> TextTable:
 def _coarse(table: TextTable) -> set[int]:
     """Columns of time most of whose stamps repeat."""
     clocks = [k for k, heading in enumerate(table.headings) if TIME in channels_of(heading)]
+    if len(clocks) < 2:
+        return set()
     return {k for k in clocks if len(table.rows) > _REPEATED * len({row[k] for row in table.rows})}
 
 
@@ -538,9 +540,10 @@ def _stamps(table: TextTable, column: Column) -> list[str]:
 def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     """Numbers of each column, NaN for missing cells."""
     texts = {name: [row[column.index].strip() for row in table.rows] for name, column in columns.items()}
-    texts, counts = without_thousands(texts)
-    notes = [f"Thousands separators of {count} cells of {columns[k].heading} left out." for k, count in counts.items()]
     joined = {name: "".join(cells) for name, cells in texts.items()}
+    texts, counts = without_thousands(texts, joined)
+    joined |= {name: "".join(texts[name]) for name in counts}
+    notes = [f"Thousands separators of {count} cells of {columns[k].heading} left out." for k, count in counts.items()]
     comma = any("," in text for text in joined.values()) and not any("." in text for text in joined.values())
     if comma:
         texts = {name: [cell.replace(",", ".") for cell in cells] for name, cells in texts.items()}

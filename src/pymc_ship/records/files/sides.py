@@ -58,6 +58,7 @@ _MINUTES = re.compile(
     re.IGNORECASE,
 )  # 53°29.9996'N, 53 29 59.98 N, 53:29.9996
 _LETTER = re.compile(r"[^\W\d_]|[°:]|\d \d")
+_NO_NUMBER = re.compile(r"[^-+.,0-9]")  # found faster than a letter where there is none
 _NUMBER_AND_WORD = re.compile(
     r"(?:([^\W\d_]+)\s*)?([-+]?[\d.,]*\d)\s*(°|(?(1)(?!)|°?\s*[^\W\d_][^\s\d]*))?"
 )  # P 3, 15.5 kn
@@ -258,7 +259,8 @@ def bare_numbers(heading: str, unit: str, rows: Sequence[Sequence[str]], k: int)
     """Numbers of column k with a unit, or the letter of a side, beside each of them; None for another column."""
     channel, signs = letters_of(heading)
     first = next((row[k] for row in rows if row[k].strip().lower() not in MISSING_CELLS), "")
-    if not _LETTER.search("".join([row[k] for row in rows]) if signs else first):
+    text = "".join([row[k] for row in rows]) if signs else first
+    if not _NO_NUMBER.search(text) or not _LETTER.search(text):
         return None
     cells, notes = [row[k].strip() for row in rows], []
     degrees = [_decimal_degrees(cell) for cell in cells] if channel in ("latitude", "longitude") else cells
