@@ -17,6 +17,11 @@ OVER_GROUND = "over ground"  # attribute ``speeds`` of a trial; by default u and
 _SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)  # median |y_{k+1} - 2 y_k + y_{k-1}| of white noise of sd 1
 
 
+def has_ground_speeds(trial: xr.Dataset) -> bool:
+    """Whether u and v of a trial are over ground."""
+    return bool(trial.attrs.get("speeds") == OVER_GROUND)
+
+
 def as_trial(trial: object) -> xr.Dataset:
     """The trial itself; TrialError for anything else than one Dataset of real numbers in SI units over time."""
     if not isinstance(trial, xr.Dataset):

@@ -5,7 +5,8 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.records.steering.stopping_tests import INDICES, measured_stopping, stopping_order
+from pymc_ship.records.steering.measured import denoise_motion
+from pymc_ship.records.steering.stopping_tests import INDICES, stopping_of_denoised, stopping_order
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +33,13 @@ def stopped():
     return forecast, trial.assign(delta=("time", 0.0 * u))
 
 
+def measured(trial):
+    return stopping_of_denoised(denoise_motion(trial), stopping_order(trial))
+
+
 def test_a_record_shows_what_was_forecast(stopped):
     forecast, trial = stopped
-    found = measured_stopping(trial)
+    found = measured(trial)
     assert list(found) == list(INDICES)
     assert found["track_reach"] == pytest.approx(float(forecast["track_reach"]), rel=0.02)
     assert found["stopping_time"] == pytest.approx(float(forecast["stopping_time"]), abs=5.0)
@@ -47,14 +52,14 @@ def test_the_order_is_where_revolutions_leave_those_of_the_approach(stopped):
 
 def test_a_ship_that_still_makes_way_has_not_stopped(stopped):
     cut = stopped[1].sel(time=slice(None, 300.0))
-    assert np.isnan(measured_stopping(cut)["track_reach"])
+    assert np.isnan(measured(cut)["track_reach"])
 
 
 @pytest.mark.parametrize(
     "change", [lambda t: t.assign(n=("time", np.full(t.sizes["time"], 1.5))), lambda t: t.drop_vars("n")]
 )
 def test_another_record_is_no_stopping_test(stopped, change):
-    assert measured_stopping(change(stopped[1])) == {}
+    assert np.isnan(stopping_order(change(stopped[1])))
 
 
 def swinging_stop(noise, swing=0.04):

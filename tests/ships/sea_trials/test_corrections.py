@@ -284,4 +284,5 @@ def test_the_current_of_the_day_is_subtracted_from_a_stopping_test(stop):
     assert row["u_current"] == pytest.approx(sd, rel=0.3)
     undated = ps.sea_trial({"circle": circle, "stop": drifted}, tanker(), rng=1)
     assert rows_of(undated, "stop")["track_reach"]["corrected_for"] == "nothing"
+    assert np.isnan(rows_of(undated, "stop")["track_reach"]["u_current"])
     assert any("not subtracted from stop" in one for one in undated.remarks)

@@ -5,6 +5,9 @@ Wind: X as the cosine, Y as the sine, N as the sine of twice the relative direct
 
 from __future__ import annotations
 
+import numpy as np
+
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.expressions import Expression
 from pymc_ship.physics.forces.part import Expressions, Force, Motion, Parameter, Part, ShipDimensions, no_force, speed
 
@@ -12,7 +15,22 @@ AIR_OVER_WATER = 1.225 / 1025.0  # density of air over that of sea water
 CURRENT_COMPONENTS = ("c_north", "c_east")
 """Parameters of the components of a current, over the nominal speed, for each run."""
 
+Flow = tuple[float, float] | None
+"""Wind or current: speed [m/s] and direction [deg], from which wind blows, to which a current sets."""
+
 _FOSSEN = "Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, section 8.1"
+
+
+def flow_components(flow: Flow) -> np.ndarray:
+    """North and east components [m/s] of a flow, from its speed [m/s] and the direction it goes to [deg]."""
+    if flow is None:
+        return np.zeros(2)
+    speed, direction = float(flow[0]), np.deg2rad(float(flow[1]))
+    if not 0.0 <= speed < np.inf or not np.isfinite(direction):
+        raise SimulationError(
+            f"Wind and current have a speed from 0 m/s and a direction in degrees, found {tuple(flow)}; correct them."
+        )
+    return speed * np.array([np.cos(direction), np.sin(direction)])
 
 
 def _of_wind(ship: ShipDimensions) -> tuple[Parameter, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
+from pymc_ship.physics.forces.surroundings import flow_components
 from pymc_ship.physics.manoeuvre.events import Record
 from pymc_ship.physics.manoeuvre.kinds import SIDES, Index, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, either
@@ -65,8 +66,7 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     runs = trial if "draw" in trial.dims else trial.expand_dims("draw")
     records = zip(*(runs[name].transpose("draw", "time").values for name in channels), strict=True)
     time, delay = runs["time"].values, float(np.nan_to_num(trial.attrs.get("rudder_delay", 0.0)))
-    speed, direction = (trial.attrs.get(f"current_{key}", 0.0) for key in ("speed", "direction"))
-    drift = speed * np.cos(np.deg2rad(direction)), speed * np.sin(np.deg2rad(direction))
+    drift = flow_components((trial.attrs.get("current_speed", 0.0), trial.attrs.get("current_direction", 0.0)))
     ships = [Record(time, dict(zip(channels, record, strict=True)), delay, drift) for record in records]
     rows = [indices_of_run(ship, kind, trial.attrs) for ship in ships]
     columns = {name: [row[name] for row in rows] for name in rows[0]}

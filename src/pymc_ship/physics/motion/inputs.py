@@ -10,16 +10,14 @@ import xarray as xr
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.part import INPUTS
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
-from pymc_ship.physics.forces.surroundings import WIND
+from pymc_ship.physics.forces.surroundings import WIND, Flow, flow_components
 from pymc_ship.physics.vessel.parts import FIXED_SD, ship_dimensions
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.trial.record import OVER_GROUND
+from pymc_ship.trial.record import has_ground_speeds
 
 _SAME_SPEED = 0.1  # of the nominal speed, within which terms without revolutions hold a speed
 _MOST_REVOLUTIONS = 5.0  # over the nominal ones
-
-Flow = tuple[float, float] | None
-"""Wind or current: speed [m/s] and direction [deg], from which wind blows, to which a current sets."""
+_WIND = {"wind_speed", "wind_direction"}
 
 
 def completed_inputs(inputs: np.ndarray) -> np.ndarray:
@@ -49,13 +47,20 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
         values[1] = trial["n"].values / ship_dimensions(vessel).n
     else:
         speed = np.hypot(trial["u"].values[:10], trial["v"].values[:10] if "v" in trial else 0.0)
-        values[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else float(np.median(speed)) / U
+        values[1] = 1.0 if has_ground_speeds(trial) else float(np.median(speed)) / U
         if measured and trial["n"].values[0] > 0.0:
             values[1] *= trial["n"].values / trial["n"].values[0]
-    if WIND.name in vessel.parts and "wind_speed" in trial and "wind_direction" in trial:
+    if WIND.name in vessel.parts and set(trial.data_vars) >= _WIND:
         speed, direction = trial["wind_speed"].values / U, trial["wind_direction"].values
         values[2], values[3] = -speed * np.cos(direction), -speed * np.sin(direction)
     return values
+
+
+def recorded_wind(trial: xr.Dataset) -> complex | None:
+    """Mean true wind of a record: speed [m/s] and, as its argument, the direction of origin; None without wind."""
+    if not set(trial.data_vars) >= _WIND:
+        return None
+    return complex(np.nanmean(trial["wind_speed"].values * np.exp(1j * trial["wind_direction"].values)))
 
 
 def revolutions_measured(trial: xr.Dataset) -> bool:
@@ -78,18 +83,6 @@ def held_speed(vessels: Iterable[Vessel], approach_speed: float, n: float | None
                 "to it, which changes times and distances."
             ]
     return []
-
-
-def flow_components(flow: Flow) -> np.ndarray:
-    """North and east components [m/s] of a flow, from its speed [m/s] and the direction it goes to [deg]."""
-    if flow is None:
-        return np.zeros(2)
-    speed, direction = float(flow[0]), np.deg2rad(float(flow[1]))
-    if not 0.0 <= speed < np.inf or not np.isfinite(direction):
-        raise SimulationError(
-            f"Wind and current have a speed from 0 m/s and a direction in degrees, found {tuple(flow)}; correct them."
-        )
-    return speed * np.array([np.cos(direction), np.sin(direction)])
 
 
 def steady_inputs(

@@ -13,10 +13,11 @@ from numba import njit
 from pymc_ship.machine.arguments import check_choice, real_array
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.threads import map_in_threads
+from pymc_ship.physics.forces.surroundings import Flow, flow_components
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.controlled import Start, course
 from pymc_ship.physics.motion.equations import KERNEL, PART, Scheme, scheme, set_parts
-from pymc_ship.physics.motion.inputs import Flow, flow_components, steady_inputs
+from pymc_ship.physics.motion.inputs import steady_inputs
 from pymc_ship.physics.motion.stepping import (
     LANES,
     METHODS,

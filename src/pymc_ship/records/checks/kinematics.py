@@ -24,7 +24,7 @@ from pymc_ship.records.checks.verdicts import (
     straight_approach,
 )
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
-from pymc_ship.trial.record import OVER_GROUND, sampling_interval, second_difference_sd
+from pymc_ship.trial.record import has_ground_speeds, sampling_interval, second_difference_sd
 
 SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1  # scale error of a rate from which it is doubtful, and from which it is bad
 RESIDUAL_SUSPECT = 0.03  # residual of a rate over the changes of its angle from which a known mistake is sought
@@ -272,7 +272,7 @@ def heading_offset_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     speed = float(np.hypot(x_dot, y_dot))
     if speed * scale.time < SLOW * scale.L or abs(r) * scale.time > STRAIGHT_TURN:
         return not_checked(name, "the ship is slow or turns on the approach")
-    logged = {"u", "v"} <= set(trial) and trial.attrs.get("speeds") != OVER_GROUND  # else v is of the same course
+    logged = {"u", "v"} <= set(trial) and not has_ground_speeds(trial)  # else v is of the same course
     drift = np.arctan2(trial["v"].values.mean(), trial["u"].values.mean()) if logged else 0.0
     off = float(np.rad2deg(np.angle(np.exp(1j * (np.arctan2(y_dot, x_dot) - psi - drift)))))
     error = float(np.rad2deg(np.hypot(np.hypot(x_errors[0], y_errors[0]) / speed, psi_errors[1])))

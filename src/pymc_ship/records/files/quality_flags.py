@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import xarray as xr
 
-from pymc_ship.trial.record import OVER_GROUND
+from pymc_ship.trial.record import has_ground_speeds
 
 _OF_A_FIT = ("excitation", "ranges")  # checks of what a record can teach a fit
 VERDICTS = ("good", "not checked", "doubtful", "bad")  # a trial with a bad check is not fitted
@@ -45,7 +45,7 @@ def quality_remarks(trials: Mapping[str, xr.Dataset]) -> list[str]:
 
 def ground_remarks(trials: Mapping[str, xr.Dataset]) -> list[str]:
     """Sentence on trials whose speeds are over ground, for simulations through still water; none without any."""
-    named = [name for name, trial in trials.items() if trial.attrs.get("speeds") == OVER_GROUND]
+    named = [name for name, trial in trials.items() if has_ground_speeds(trial)]
     if not named:
         return []
     return [

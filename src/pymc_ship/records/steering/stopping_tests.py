@@ -6,7 +6,6 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.manoeuvre.events import Record
-from pymc_ship.records.steering.measured import denoise_motion
 
 LABEL = "stopping test"  # in tables
 LIMIT, LARGE = 15.0, 20.0  # largest track reach [L] of IMO MSC.137(76): in general, and for large displacement
@@ -30,12 +29,9 @@ def stopping_order(trial: xr.Dataset) -> float:
     return float(time[full[-1]])
 
 
-def measured_stopping(trial: xr.Dataset) -> dict[str, float]:
-    """Indices of a stopping test from the astern order, NaN if the ship does not stop; empty for another record."""
-    begin = stopping_order(trial)
-    if not np.isfinite(begin):
-        return {}
-    smooth = denoise_motion(trial).sel(time=slice(begin, None))
+def stopping_of_denoised(smooth: xr.Dataset, begin: float) -> dict[str, float]:
+    """Indices of a denoised stopping test from the astern order at ``begin`` [s], NaN if the ship does not stop."""
+    smooth = smooth.sel(time=slice(begin, None))
     time = smooth["time"].values
     motion = {name: smooth[name].values for name in _CHANNELS[:-1]} | {"phi": np.zeros(time.size)}
     still = np.flatnonzero(motion["u"] <= 0.0)

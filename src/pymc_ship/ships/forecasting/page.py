@@ -17,6 +17,7 @@ from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY, imo_pr
 from pymc_ship.physics.manoeuvre.indices import needs_roll
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.manoeuvre.steering_record import base_course
+from pymc_ship.physics.motion.inputs import recorded_wind
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.quality_flags import ground_remarks, quality_remarks
@@ -216,12 +217,12 @@ def measured_doubts(measured: Mapping[str, xr.Dataset], forecasts: Mapping[str, 
     remarks = quality_remarks({f"{name}, measured": trial for name, trial in measured.items()})
     still = {name: trial for name, trial in measured.items() if "current_speed" not in forecasts[name].attrs}
     for name, trial in measured.items():
-        if "wind_speed" in trial and "wind_direction" in trial and "wind_speed" not in forecasts[name].attrs:
-            flow = np.nanmean(trial["wind_speed"].values * np.exp(1j * trial["wind_direction"].values))
-            bow = round(float(np.rad2deg(np.angle(flow) - base_course(trial)))) % 360
+        wind = recorded_wind(trial)
+        if wind is not None and "wind_speed" not in forecasts[name].attrs:
+            bow = round(float(np.rad2deg(np.angle(wind) - base_course(trial)))) % 360
             remarks += [
-                f"{name}, measured: its mean wind, {np.abs(flow):.3g} m/s from {bow} deg off the bow of the approach, "
-                f"is not in the forecast. Forecast with wind {np.abs(flow):.3g}/{bow}, if the ship has wind forces."
+                f"{name}, measured: its mean wind, {abs(wind):.3g} m/s from {bow} deg off the bow of the approach, "
+                f"is not in the forecast. Forecast with wind {abs(wind):.3g}/{bow}, if the ship has wind forces."
             ]
     return remarks + ground_remarks(still)
 

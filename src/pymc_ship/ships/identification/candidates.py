@@ -47,7 +47,7 @@ from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feasible
 from pymc_ship.ships.ensemble.ship import Member
 from pymc_ship.ships.identification.held_out import CrossValidation, cross_validate, hold_out_harder
-from pymc_ship.trial.record import OVER_GROUND, nonzero_channels
+from pymc_ship.trial.record import has_ground_speeds, nonzero_channels
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """Kinds of prior for coefficients without an sd in the vessel file."""
@@ -191,7 +191,7 @@ def with_recorded_effects(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vesse
             f"Revolutions are measured in all {len(trials)} runs or in none, found none in run {silent}; "
             "add n there, or leave its column out of the others."
         )
-    drifting = any(trial.attrs.get("speeds") == OVER_GROUND for trial in trials)
+    drifting = any(map(has_ground_speeds, trials))
     current = (CURRENT.name,) if drifting and CURRENT.name not in vessel.parts else ()
     fixed = () if all(measured) and _revolutions_vary(trials) else (NOMINAL_REVOLUTIONS,)
     return with_parts(vessel, (*vessel.parts, *current), {c.name: c for c in vessel.parameters}, fixed)

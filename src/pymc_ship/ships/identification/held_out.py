@@ -19,7 +19,7 @@ from pymc_ship.physics.forces.surroundings import CURRENT, CURRENT_COMPONENTS, W
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.manoeuvre.steering_record import base_course, first_execute
-from pymc_ship.physics.motion.inputs import revolutions_measured, takes_revolutions
+from pymc_ship.physics.motion.inputs import recorded_wind, revolutions_measured, takes_revolutions
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
@@ -124,9 +124,9 @@ def recorded_settings(trial: xr.Dataset, vessel: Vessel) -> dict[str, Any]:
     after = trial["time"].values >= first_execute(trial)
     if takes_revolutions(vessel) and revolutions_measured(trial):
         settings["n"] = float(np.median(trial["n"].values[after]))
-    if WIND.name in vessel.parts and {"wind_speed", "wind_direction"} <= set(trial.data_vars):
-        flow = np.mean((trial["wind_speed"].values * np.exp(1j * trial["wind_direction"].values))[after])
-        settings["wind"] = float(np.abs(flow)), float(np.rad2deg(np.angle(flow) - base_course(trial)))
+    wind = recorded_wind(trial.isel(time=after)) if WIND.name in vessel.parts else None
+    if wind is not None:
+        settings["wind"] = abs(wind), float(np.rad2deg(np.angle(wind) - base_course(trial)))
     return settings
 
 

@@ -19,17 +19,18 @@ from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.kinds import TRACK_QUANTITIES
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.manoeuvre.steering_record import base_course
+from pymc_ship.physics.motion.inputs import recorded_wind
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import denoise_motion, finite_indices, index_draws, indices_of_denoised
 from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
-from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping
+from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, stopping_of_denoised, stopping_order
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.sea_trials.conditions import Conditions
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.loading import at_loading
-from pymc_ship.trial.record import OVER_GROUND
+from pymc_ship.trial.record import has_ground_speeds
 
 DRAWS = 100  # draws of each part: record, current and model
 _DRIFTS = 30  # draws of the wind drift
@@ -45,6 +46,11 @@ class Model:
     tried: Vessel | None = None  # at the loading of the trial
     loaded: Vessel | None = None  # at full load, where that is another loading
     wind: bool = True  # whether the models have wind forces; True in calm
+
+    @property
+    def corrects_wind(self) -> bool:
+        """Whether the models have the forces of the wind."""
+        return bool(self.models) and self.wind
 
 
 def corrected_indices(
@@ -114,9 +120,10 @@ def corrected_stopping(
 
     The deviations of the current are those of an index that is linear in it.
     """
-    flow, sd = (np.zeros(2), np.zeros(2)) if current is None else (current.velocity, current.sd)
-    measured, still = measured_stopping(trial), measured_stopping(without_current(trial, flow))
-    shifted = [measured_stopping(without_current(trial, flow + step)) for step in np.diag(sd)]
+    flow, sd = (np.zeros(2), np.full(2, np.nan)) if current is None else (current.velocity, current.sd)
+    smooth, begin = denoise_motion(trial), stopping_order(trial)
+    flows = (np.zeros(2), flow, *(flow + np.diag(sd)))
+    measured, still, *shifted = (stopping_of_denoised(without_current(smooth, one), begin) for one in flows)
     drawn = rng.standard_normal((DRAWS, 2))
     rows = []
     for name, units in STOPPING.items():
@@ -137,7 +144,7 @@ def without_current(smooth: xr.Dataset, velocity: np.ndarray) -> xr.Dataset:
     for name, rate in zip(("x", "y"), velocity, strict=True):
         if name in smooth:
             channels[name] = ("time", smooth[name].values - rate * time)
-    if smooth.attrs.get("speeds") == OVER_GROUND and {"u", "v", "psi"} <= set(smooth.data_vars):
+    if has_ground_speeds(smooth) and {"u", "v", "psi"} <= set(smooth.data_vars):
         body_current = (velocity[0] + 1j * velocity[1]) * np.exp(-1j * smooth["psi"].values)
         for name, part in (("u", body_current.real), ("v", body_current.imag)):
             channels[name] = ("time", smooth[name].values - part)
@@ -146,10 +153,8 @@ def without_current(smooth: xr.Dataset, velocity: np.ndarray) -> xr.Dataset:
 
 def mean_wind(trial: xr.Dataset, conditions: Conditions) -> tuple[float, float] | None:
     """Speed [m/s] and direction of origin [deg] of a run's mean true wind: recorded, noted or None."""
-    if not {"wind_speed", "wind_direction"} <= set(trial.data_vars):
-        return conditions.wind
-    flow = np.nanmean(trial["wind_speed"].values * np.exp(1j * trial["wind_direction"].values))
-    return float(np.abs(flow)), float(np.rad2deg(np.angle(flow)) % 360.0)
+    wind = recorded_wind(trial)
+    return conditions.wind if wind is None else (abs(wind), float(np.rad2deg(np.angle(wind)) % 360.0))
 
 
 def subtract_wind_drift(

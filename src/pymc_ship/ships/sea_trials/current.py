@@ -14,7 +14,7 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.steering_record import heading_change, is_manoeuvre
 from pymc_ship.records.checks.track import earth_velocity
 from pymc_ship.records.steering.measured import denoise_motion
-from pymc_ship.trial.record import OVER_GROUND, check_trial
+from pymc_ship.trial.record import check_trial, has_ground_speeds
 
 _STEADY = np.pi  # heading change [rad] from which on the turn counts as steady
 _SPACING = np.deg2rad(5.0)  # heading between pairs of positions
@@ -66,7 +66,7 @@ class DriftCurrent:
 
 def logged_drift(trial: xr.Dataset) -> np.ndarray | None:
     """Mean velocity [m/s] of a track to north and east less that of the log; None without a log through the water."""
-    if not {"u", "v", "psi", "x", "y"} <= set(trial.data_vars) or trial.attrs.get("speeds") == OVER_GROUND:
+    if not {"u", "v", "psi", "x", "y"} <= set(trial.data_vars) or has_ground_speeds(trial):
         return None
     time = trial["time"].values
     log = [np.trapezoid(velocity, time) for velocity in earth_velocity(trial)]

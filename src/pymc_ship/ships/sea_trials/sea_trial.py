@@ -145,7 +145,7 @@ def sea_trial(
     for name, manoeuvre in runs.manoeuvres.items():
         progress(f"indices of {name}")
         settings: dict[str, Any] = {"rudder_delay": runs.delays[name], "current": currents.get(name)}
-        settings |= {"wind": winds.get(name) if model.models and model.wind else None, "model": model, "rng": rng}
+        settings |= {"wind": winds.get(name) if model.corrects_wind else None, "model": model, "rng": rng}
         run_indices = corrected_indices(records[name], manoeuvre, vessel, **settings)
         rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in run_indices]
     for name in runs.stops:
@@ -236,9 +236,7 @@ def _currents(
     currents, remarks = _currents_of_circles(trials, runs, winds, model)
     if not currents:
         return {}, [*remarks, "The indices are not corrected for current, as no run gives it; turn through 720 deg."]
-    with_wind = [
-        name for name in currents if winds.get(name, (0.0, 0.0))[0] > 0.0 and not (model.models and model.wind)
-    ]
+    with_wind = [name for name in currents if winds.get(name, (0.0, 0.0))[0] > 0.0 and not model.corrects_wind]
     if mixed := [name for name in with_wind if currents[name].velocity.any()]:
         remarks.append(
             f"The drift of {', '.join(mixed)} is that of current and wind together, as no model gives the wind's."
@@ -274,7 +272,7 @@ def _currents_of_circles(
             continue
         try:
             current = drift_current(trials[name])
-            if name in winds and model.models and model.wind:
+            if name in winds and model.corrects_wind:
                 current = subtract_wind_drift(current, trials[name], manoeuvre, winds[name], model)
         except TrialError as error:
             remarks.append(f"{name} gives no current: {error}")
