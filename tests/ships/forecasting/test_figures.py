@@ -9,10 +9,46 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.pages import drawing
-from pymc_ship.ships.forecasting.figures import heading_and_rudder, motion, overshoot_peaks
+from pymc_ship.ships.forecasting.figures import heading_and_rudder, motion, overshoot_peaks, overview
 from pymc_ship.ships.forecasting.track import track
 from tests.inference.trajectory.cases import unmodelled_roll_text
 from tests.ships.forecasting.cases import MANOEUVRES, case, drawn, forecast, labelled, legend
+
+
+class TestOverview:
+    def test_circles_are_in_ship_lengths_with_the_measured_one(self):
+        vessel, tree, run, measured = case("starboard")
+        plan = overview({"a": tree}, vessel, {"a": measured}).axes[0]
+        L, first_round = vessel.particulars.L, np.abs(run["psi"].values) <= 2.0 * np.pi
+        x, y = run["x"].values[first_round] / L, run["y"].values[first_round] / L
+        found = labelled(plan, "measured").get_xydata()
+        assert found[:, 1].max() == pytest.approx(x.max(), abs=0.05)
+        assert found[:, 0].max() == pytest.approx(y.max(), abs=0.05)
+        median = labelled(plan, tree.attrs["label"]).get_xydata()
+        ship = tree["trajectories"].dataset.isel(draw=tree.attrs["median_draw"])
+        assert median[:, 0].max() == pytest.approx(float(ship["y"].max()) / L, abs=0.02)
+        assert "[L]" in plan.get_xlabel()
+
+    def test_a_panel_for_circles_and_one_for_other_manoeuvres(self):
+        vessel, circle, *_ = case("starboard")
+        _, swings, run, measured = case("zigzag")
+        plan, heading = overview({"circle": circle, "zigzag": swings}, vessel, {"zigzag": measured}).axes
+        assert (plan.get_title(), heading.get_title()) == ("Turning circles", "Headings: median, 95 % band")
+        found = labelled(heading, "measured")
+        exact = np.rad2deg(np.interp(found.get_xdata(), run["time"], run["psi"]))
+        np.testing.assert_allclose(found.get_ydata()[1:], exact[1:], atol=0.6)
+        band = swings["bands"]["psi"].sel(band="median")
+        np.testing.assert_allclose(labelled(heading, swings.attrs["label"]).get_ydata(), np.rad2deg(band), atol=1e-9)
+        assert len(overview({"zigzag": swings}, vessel).axes) == 1
+
+    def test_colours_are_sides_and_lines_are_angles(self):
+        vessel, starboard, *_ = case("starboard")
+        port, mild = case("port")[1], case("port")[1].copy()
+        mild.attrs |= {"label": "turning circle 20 port"}
+        plan = overview(dict(enumerate((starboard, port, mild))), vessel).axes[0]
+        lines = [labelled(plan, tree.attrs["label"]) for tree in (starboard, port, mild)]
+        assert [line.get_color() for line in lines] == [drawing.BLUE, drawing.RUST, drawing.RUST]
+        assert [line.get_linestyle() for line in lines] == ["-", "-", "--"]
 
 
 class TestHeadingAndRudder:

@@ -106,7 +106,7 @@ def test_the_summary_names_indices_as_the_field_does_and_the_less_favourable_sid
 def _quick(monkeypatch):
     images = dict.fromkeys(ship_report._FIGURES, "<svg></svg>")
     monkeypatch.setattr(ship_report, "_figures", lambda *_: images)
-    monkeypatch.setattr(ship_report, "turns_and_overshoots", lambda *_: "<svg></svg>")
+    monkeypatch.setattr(ship_report, "overview", lambda *_: "<svg></svg>")
 
 
 @pytest.mark.usefixtures("_quick")

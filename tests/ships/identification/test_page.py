@@ -177,8 +177,8 @@ def test_the_summary_counts_what_the_intervals_cover(text):
     assert f"largest {errors['second_overshoot_angle_max']:.2g} deg." in text
     assert f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of 21" in text
     assert (
-        f"; {covered['90_leave_one_out']} and {covered['95_leave_one_out']} where the model error comes from the other"
-        in text
+        f"With the model error of the other runs alone, they cover {covered['90_leave_one_out']} and "
+        f"{covered['95_leave_one_out']}." in text
     )
     shown = {line[0]: line[1:3] for line in cells(text) if line[0] in model().ship.index_error}
     expected = {

@@ -17,14 +17,17 @@ from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import align_to_first_execute
 from pymc_ship.ships.ensemble.scores import BANDS
-from pymc_ship.ships.forecasting.track import track
+from pymc_ship.ships.forecasting.track import measured_track, track
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
 _FALLEN = 0.5  # heading change [deg] after which an overshoot's peak is passed
 SIGNS = "heading [deg], positive to starboard\nrudder [deg], positive to port"
 _POINTS = 400
 _TRACKS = 40  # draws of a turning circle
-_ZIGZAG_SHOWN = 20.0  # L/U
+_SHOWN = 20.0  # L/U of headings
+_LINES = ("-", "--", ":", "-.")
+MEASURED: Mapping[str, Any] = {"color": REFERENCE, "lw": 1.0, "label": "measured"}
+"""Line of a measured trial."""
 
 
 def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> dict[str, Figure]:
@@ -72,36 +75,78 @@ def legend_above(fig: Figure, axes: Iterable[Axes], ncols: int | None = None) ->
 
 
 @house_style
-def turns_and_overshoots(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> Figure:
-    """Turning circles [L] and headings in zigzags [deg] of forecasts by label, coloured by side."""
-    fig, axes = subplots(8.0, 3.9, 1, 2)
-    plan, heading = axes[0]
-    colours = {"port": RUST, "starboard": BLUE}
-    for tree in forecasts.values():
-        colour, kind = colours[tree.attrs["side"]], kind_named(tree.attrs["manoeuvre"])
-        if kind.circles:
-            ships = thinned(tree["trajectories"].to_dataset(), _POINTS)
-            L, median = vessel.particulars.L, tree.attrs["median_draw"]
-            styles: list[tuple[int, dict[str, Any]]] = [
-                *((draw, {"lw": 0.4, "alpha": 0.3}) for draw in range(min(ships.sizes["draw"], _TRACKS))),
-                (median, {"lw": 1.6, "label": tree.attrs["label"]}),
-            ]
-            for draw, style in styles:
-                first_round = np.abs(ships["psi"].values[draw]) <= 2.0 * np.pi
-                x, y = (ships[name].values[draw][first_round] / L for name in ("x", "y"))
-                plan.plot(y, x, color=colour, **style)
-        elif kind.swings and tree.attrs["heading_deg"] == tree.attrs["rudder_deg"]:
-            line = "-" if tree.attrs["heading_deg"] == 10.0 else "--"
-            bands, time = tree["bands"].dataset["psi"], tree["bands"].dataset["time"]
-            lower, middle, upper = np.rad2deg(bands.sel(band=list(BANDS)).values)
-            heading.fill_between(time, lower, upper, color=colour, alpha=0.18, lw=0)
-            heading.plot(time, middle, line, color=colour, label=tree.attrs["label"])
-    plan.set(aspect="equal", xlabel="transfer to starboard [L]", ylabel="advance [L]", title="Turning circles")
-    plan.plot(0.0, 0.0, "o", ms=4, color=REFERENCE, label="rudder executed")
-    heading.set(xlabel="time from the execute [s]", ylabel="heading change [deg]", title="Zigzags: median, 95 % band")
-    heading.set_xlim(0.0, _ZIGZAG_SHOWN * vessel.particulars.ship_time)
-    legend_above(fig, axes[0], 4)
+def overview(
+    forecasts: Mapping[str, xr.DataTree], vessel: Vessel, measured: Mapping[str, xr.Dataset] | None = None
+) -> Figure:
+    """Turning circles [L] and headings of other manoeuvres [deg] of forecasts by label, with their measured trials.
+
+    Colours are sides, lines are angles. Circles are drawn for their first round, headings for 20 L/U.
+    """
+    circles = {name: tree for name, tree in forecasts.items() if kind_named(tree.attrs["manoeuvre"]).circles}
+    others = {name: tree for name, tree in forecasts.items() if name not in circles}
+    fig, axes = subplots(8.0, 3.9, 1, bool(circles) + bool(others))
+    panels, measured = list(axes[0]), measured or {}
+    if circles:
+        _circles(panels[0], circles, vessel, measured)
+    if others:
+        _headings(panels[-1], others, vessel, measured)
+    legend_above(fig, panels, 4)
     return fig
+
+
+def _styles(forecasts: Mapping[str, xr.DataTree]) -> dict[str, dict[str, Any]]:
+    """Colour by side, line by angles, and label of each forecast."""
+    sides = {"port": RUST, "starboard": BLUE}
+    angles = list(dict.fromkeys(tree.attrs["label"].removesuffix(tree.attrs["side"]) for tree in forecasts.values()))
+    return {
+        name: {
+            "color": sides[tree.attrs["side"]],
+            "ls": _LINES[angles.index(tree.attrs["label"].removesuffix(tree.attrs["side"])) % len(_LINES)],
+            "label": tree.attrs["label"],
+        }
+        for name, tree in forecasts.items()
+    }
+
+
+def _circles(
+    ax: Axes, forecasts: Mapping[str, xr.DataTree], vessel: Vessel, measured: Mapping[str, xr.Dataset]
+) -> None:
+    """First rounds in ship lengths: draws, median ship and measured trial."""
+    L = vessel.particulars.L
+    for name, style in _styles(forecasts).items():
+        tree = forecasts[name]
+        ships = thinned(tree["trajectories"].to_dataset(), _POINTS)
+        faint = {"color": style["color"], "lw": 0.4, "alpha": 0.3}
+        lines = [(ships.isel(draw=draw), faint) for draw in range(min(ships.sizes["draw"], _TRACKS))]
+        lines.append((ships.isel(draw=tree.attrs["median_draw"]), style | {"lw": 1.6}))
+        trial = measured_track(tree, measured.get(name), 360.0)
+        if trial is not None:
+            lines.append((trial, MEASURED))
+        for ship, drawn in lines:
+            first_round = np.abs(ship["psi"].values) <= 2.0 * np.pi
+            ax.plot(ship["y"].values[first_round] / L, ship["x"].values[first_round] / L, **drawn)
+    ax.set(aspect="equal", xlabel="transfer to starboard [L]", ylabel="advance [L]", title="Turning circles")
+    ax.plot(0.0, 0.0, "o", ms=4, color=REFERENCE, label="rudder executed")
+
+
+def _headings(
+    ax: Axes, forecasts: Mapping[str, xr.DataTree], vessel: Vessel, measured: Mapping[str, xr.Dataset]
+) -> None:
+    """Heading changes against time: band, median and measured trial."""
+    until = 0.0
+    for name, style in _styles(forecasts).items():
+        tree = forecasts[name]
+        psi = np.rad2deg(tree["bands"].dataset["psi"].sel(band=list(BANDS)))
+        until = max(until, float(psi["time"][-1]))
+        ax.fill_between(psi["time"], psi[0], psi[2], color=style["color"], alpha=0.18, lw=0)
+        ax.plot(psi["time"], psi[1], **style)
+        trial = align_to_first_execute(measured[name]) if name in measured else {}
+        if "psi" in trial:
+            shown = trial["psi"].sel(time=trial["time"] <= float(psi["time"][-1]))
+            ax.plot(shown["time"], np.rad2deg(shown), **MEASURED)
+    title = f"Headings: median, {percent(tree.attrs['ci_prob'])} band"
+    ax.set(xlabel="time from the execute [s]", ylabel="heading change [deg]", title=title)
+    ax.set_xlim(0.0, min(until, _SHOWN * vessel.particulars.ship_time))
 
 
 def overshoot_peaks(ship: xr.Dataset, heading_deg: float, side: str) -> list[tuple[float, float]]:
@@ -179,4 +224,4 @@ def _panel(
     ax.plot(bands["time"], median, color=colour, label=f"{mark}median")
     if trial is not None and name in trial:
         trial_samples = thinned(trial[[name]].sel(time=trial["time"] <= float(bands["time"][-1])), _POINTS)
-        ax.plot(trial_samples["time"], factor * trial_samples[name], color=REFERENCE, lw=1.0, label="measured")
+        ax.plot(trial_samples["time"], factor * trial_samples[name], **MEASURED)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
 
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
@@ -26,7 +25,7 @@ from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, error_rows
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import percentage_outside
-from pymc_ship.ships.forecasting.figures import manoeuvre_figures
+from pymc_ship.ships.forecasting.figures import manoeuvre_figures, overview
 from pymc_ship.ships.forecasting.force_curves import force_curves
 from pymc_ship.ships.forecasting.forecast import NO_ROLL, has_roll
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence
@@ -116,7 +115,7 @@ def write_forecast_page(
     out = writable_folder(out)
     verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
     rows, sections = {"forecast_verdict": verdicts} if verdicts else {}, []
-    drawn: dict[str, Figure] = {}
+    drawn = {"forecast_overview": overview(forecasts, vessel, measured)} if forecasts else {}
     compared: dict[str, list[dict] | None] = {}
     for slug, (name, tree) in zip(_slugs(forecasts), forecasts.items(), strict=True):
         progress(f"drawing {name}")

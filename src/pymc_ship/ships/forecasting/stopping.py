@@ -193,7 +193,7 @@ def stopping_advice(ship: ShipLike) -> str:
     models = [(vessel, rows) for vessel, rows in as_ship(ship).models if _models_astern(vessel)]
     draws = sum(len(rows) for _, rows in models)
     if draws < _LEAST_DRAWS or models[0][0].propeller is None:
-        return f"Stopping is not forecast: forces astern in {draws} of {as_ship(ship).draws} draws. {_MORE_DRAWS}"
+        return f"Stopping is not forecast: {draws} of {as_ship(ship).draws} draws have forces astern. {_MORE_DRAWS}"
     return (
         "Stopping depends on the revolutions astern and is not forecast here; "
         f"pymc-ship forecast FOLDER --stop {ship_dimensions(models[0][0]).n:.2g} takes the folder of this page and the "

@@ -96,7 +96,7 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     median = tree.attrs["median_draw"]
     shown = [median, *(k for k in range(ships.sizes["draw"]) if k != median)][:_N_TRACKS]
     drawn = [_until(ships.isel(draw=k), most) for k in shown]
-    trial = _measured_track(tree, measured, most)
+    trial = measured_track(tree, measured, most)
     named = [(drawn[0], BLUE, "median ship")] + ([] if trial is None else [(trial, REFERENCE, "measured")])
     advance, transfer = (_extent([*drawn, *([] if trial is None else [trial])], name, vessel) for name in ("x", "y"))
     turned = bool(not turning and np.ptp(advance) > 2.5 * np.ptp(transfer))
@@ -134,7 +134,7 @@ def _extent(ships: Sequence[xr.Dataset], name: str, vessel: Vessel) -> tuple[flo
     return float(np.nanmin(values)) - 0.6, float(np.nanmax(values)) + 0.6
 
 
-def _measured_track(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr.Dataset | None:
+def measured_track(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr.Dataset | None:
     """Aligned trial as long as the forecast, up to a heading change [deg]; None where it has no track."""
     if measured is None:
         return None

@@ -161,8 +161,8 @@ def held_out_sentences(rows: Sequence[Mapping]) -> list[str]:
     covered = coverage(rows)
     text = f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of {len(rows)} held-out indices"
     others = (
-        f"; {covered['90_leave_one_out']} and {covered['95_leave_one_out']} where the model error comes from the other "
-        "runs alone"
+        f" With the model error of the other runs alone, they cover {covered['90_leave_one_out']} and "
+        f"{covered['95_leave_one_out']}."
     )
     known = all(np.isfinite(row["leave_one_out_sd"]) for row in rows)
-    return [*sentences, f"{text}{others if known else ''}."]
+    return [*sentences, f"{text}.{others if known else ''}"]

@@ -25,7 +25,7 @@ from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, m
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.quality_flags import worst_verdict
 from pymc_ship.ships.ensemble.index_error import error_rows
-from pymc_ship.ships.forecasting.figures import turns_and_overshoots
+from pymc_ship.ships.forecasting.figures import overview
 from pymc_ship.ships.forecasting.force_curves import force_curves
 from pymc_ship.ships.forecasting.page import PRIORS, verdict_rows, verdict_table
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
@@ -63,7 +63,7 @@ SOURCES = (
 )
 
 _FIGURES = (
-    *("turns_and_overshoots", "diverging_motion", "held_out_windows", "held_out_overshoots"),
+    *("overview", "diverging_motion", "held_out_windows", "held_out_overshoots"),
     *("term_set_scores", "force_curves", "captive_forces", "spiral"),
 )
 _TABLES = (
@@ -172,7 +172,7 @@ def write_ship_report(
     turns = steady_turns(result.ship)
     drawn = _figures(result, list(trials.values()), seed, captive) | {"spiral": spiral_curve(turns)}
     if forecasts:
-        drawn["turns_and_overshoots"] = turns_and_overshoots(forecasts, result.vessel)
+        drawn["overview"] = overview(forecasts, result.vessel)
     progress("writing the page")
     values = _values(result, trials, rows, summary) | {
         "measured": measured_sentences(result, rows["held_out_indices"], forecasts),
