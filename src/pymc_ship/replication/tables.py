@@ -21,6 +21,39 @@ from pymc_ship.trial.channels import default_channels
 ERROR_COUNTS: Columns = {f"under_{k:g}": (f"< {k:g} %", fixed_point(0)) for k in ERROR_LIMITS}
 """Columns of an error summary: percentage of coefficients under each limit."""
 
+_OVERSHOOTS = {"first": "1st", "second": "2nd"}
+_NUMBER, _PERCENT = number(3), fixed_point(0)
+_COVERAGE = heads(_PERCENT, coverage="90 % intervals cover %")
+_MEDIAN = heads(_NUMBER, median="median %")
+_COLUMNS: dict[str, Columns] = {
+    "denoising": heads(str, channel="channel")
+    | heads(_NUMBER, noise="noise sd", before="RMSE before", after="RMSE after", gain="before / after"),
+    "denoisers": heads(str, method="method")
+    | heads(fixed_point(1), **{f"snr_{name}": f"{name} [dB]" for name in default_channels()})
+    | (_MEDIAN | ERROR_COUNTS | _COVERAGE),
+    "drawn_channels": heads(str, channel="channel")
+    | heads(_NUMBER, sd="sd of draws", rmse="RMSE of their mean")
+    | _COVERAGE,
+    "drawn_coefficients": heads(str, derivative="derivative", dof="DOF")
+    | (_MEDIAN | _COVERAGE)
+    | heads(_NUMBER, median_pooled="pooled: median %")
+    | heads(_PERCENT, coverage_pooled="cover %")
+    | heads(_NUMBER, widened="sd, pooled / known"),
+    "data": heads(str, dof="DOF", rows="rows", terms="terms")
+    | heads(number(4), condition="condition number")
+    | heads(_NUMBER, vif_median="VIF, median", vif_largest="VIF, largest")
+    | heads(str, largest="of"),
+    "priors": heads(str, family="family", dof="DOF", choice="choice")
+    | heads(_NUMBER, shape="shape A", scale="scale b = 1/B", kappa="kappa")
+    | heads(fixed_point(4), score="score", score_se="± se")
+    | heads(fixed_point(1), log_evidence="log evidence"),
+    "errors": heads(_NUMBER, level="noise level")
+    | heads(str, family="family", dof="DOF")
+    | (_MEDIAN | ERROR_COUNTS | _COVERAGE),
+    "agreement": heads(str, family="family", dof="DOF") | AGREEMENT,
+}
+"""Columns of the tables of the page, by name."""
+
 
 def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
     """Title, caption and table of one DOF's coefficients (Tables 2 and 3)."""
@@ -68,76 +101,17 @@ def _coefficient_rows(result: StudyResult, dof: str, exact: Mapping) -> list[dic
 
 def page_tables(result: StudyResult) -> dict[str, Table]:
     """Formatted tables of the page, by name."""
-    p, n = fixed_point(1), number(3)
-    error_columns = heads(n, level="noise level") | heads(str, family="family", dof="DOF") | heads(n, median="median %")
-    error_columns |= ERROR_COUNTS | heads(fixed_point(0), coverage="90 % intervals cover %")
-    return {
+    levels, errors = (result.level, "published"), result.tables["errors"] + result.tables["published"]
+    own = {"errors": [row for row in errors if row["dof"] == "all" or row["level"] in levels]}
+    own |= {"denoising": _denoising_rows(result), "data": _data_rows(result), "agreement": _agreement_rows(result)}
+    rows, L = result.tables | own, result.vessel.particulars.L
+    overshoots = {f"{name}_overshoot_angle": (f"{nth} overshoot", 1.0) for name, nth in _OVERSHOOTS.items()}
+    turn = {"advance": ("advance", L), "tactical_diameter": ("tactical diameter", L)}
+    return {name: table(rows[name], columns) for name, columns in _COLUMNS.items()} | {
         "indices": _index_table(result),
-        "denoising": table(
-            _denoising_rows(result),
-            heads(str, channel="channel")
-            | heads(n, noise="noise sd", before="RMSE before", after="RMSE after", gain="before / after"),
-        ),
-        "denoisers": table(
-            result.tables["denoisers"],
-            {
-                "method": ("method", str),
-                **{f"snr_{name}": (f"{name} [dB]", p) for name in default_channels()},
-                **{key: error_columns[key] for key in ("median", *ERROR_COUNTS, "coverage")},
-            },
-        ),
-        "drawn_channels": table(
-            result.tables["drawn_channels"],
-            heads(str, channel="channel")
-            | heads(n, sd="sd of draws", rmse="RMSE of their mean")
-            | heads(fixed_point(0), coverage="90 % intervals cover %"),
-        ),
-        "drawn_coefficients": table(
-            result.tables["drawn_coefficients"],
-            heads(str, derivative="derivative", dof="DOF")
-            | heads(n, median="median %")
-            | heads(fixed_point(0), coverage="90 % intervals cover %")
-            | heads(n, median_pooled="pooled: median %")
-            | heads(fixed_point(0), coverage_pooled="cover %")
-            | heads(n, widened="sd, pooled / known"),
-        ),
-        "data": table(
-            _data_rows(result),
-            heads(str, dof="DOF", rows="rows", terms="terms")
-            | heads(number(4), condition="condition number")
-            | heads(n, vif_median="VIF, median", vif_largest="VIF, largest")
-            | heads(str, largest="of"),
-        ),
-        "priors": table(
-            result.tables["priors"],
-            heads(str, family="family", dof="DOF", choice="choice")
-            | heads(n, shape="shape A", scale="scale b = 1/B", kappa="kappa")
-            | heads(fixed_point(4), score="score", score_se="± se")
-            | heads(p, log_evidence="log evidence"),
-        ),
         "prior_ships": _prior_ship_table(result),
-        "errors": table(
-            [
-                row
-                for row in result.tables["errors"] + result.tables["published"]
-                if row["dof"] == "all" or row["level"] in (result.level, "published")
-            ],
-            error_columns,
-        ),
-        "agreement": table(_agreement_rows(result), heads(str, family="family", dof="DOF") | AGREEMENT),
-        "forecast_zigzag": _forecast_table(
-            result,
-            "zigzag",
-            {"first_overshoot_angle": ("1st overshoot", 1.0), "second_overshoot_angle": ("2nd overshoot", 1.0)},
-        ),
-        "forecast_turning_circle": _forecast_table(
-            result,
-            "turning_circle",
-            {
-                "advance": ("advance", result.vessel.particulars.L),
-                "tactical_diameter": ("tactical diameter", result.vessel.particulars.L),
-            },
-        ),
+        "forecast_zigzag": _forecast_table(result, "zigzag", overshoots),
+        "forecast_turning_circle": _forecast_table(result, "turning_circle", turn),
     }
 
 

@@ -141,21 +141,11 @@ def sea_trial(
     progress("current")
     one_day = "date" in trial_conditions.form
     currents, current_remarks = _currents(records, runs, winds, model, one_day=one_day)
-    rows: list[dict] = []
-    for name, manoeuvre in runs.manoeuvres.items():
-        progress(f"indices of {name}")
-        settings: dict[str, Any] = {"rudder_delay": runs.delays[name], "current": currents.get(name)}
-        settings |= {"wind": winds.get(name) if model.corrects_wind else None, "model": model, "rng": rng}
-        run_indices = corrected_indices(records[name], manoeuvre, vessel, **settings)
-        rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in run_indices]
-    for name in runs.stops:
-        stop_rows = corrected_stopping(records[name], currents.get(name), vessel.particulars.L, rng)
-        rows += [{"run": name} | row for row in stop_rows]
-    for name, turns in runs.spirals.items():
-        rows += [{"run": name} | row for row in spiral_rows(turns, largest_loop(vessel.particulars.ship_time))]
-    rows = uncertainty_budget(rows, rng)
+    corrections = _Corrections(vessel, currents, winds, model, rng)
+    rows = uncertainty_budget(_index_rows(records, runs, corrections, progress), rng)
     speeds = {name: manoeuvre.approach_speed or np.nan for name, manoeuvre in runs.manoeuvres.items()}
     windiest = max((speed for speed, _ in winds.values()), default=np.nan)
+    doubts = (*quality_remarks(records), *mirror_remarks(records), *repeated_runs(records))
     return SeaTrial(
         trials=records,
         vessel=vessel,
@@ -168,15 +158,7 @@ def sea_trial(
         form=form_rows(rows),
         spirals=runs.spirals,
         turns=steady_turns(ship) if runs.spirals and ship is not None else None,
-        remarks=(
-            *quality_remarks(records),
-            *mirror_remarks(records),
-            *repeated_runs(records),
-            *runs.left_out,
-            *model_remarks,
-            *current_remarks,
-            *_order_remarks(runs),
-        ),
+        remarks=(*doubts, *runs.left_out, *model_remarks, *current_remarks, *_order_remarks(runs)),
     )
 
 
@@ -188,6 +170,36 @@ class _Runs(NamedTuple):
     stops: list[str]
     spirals: dict[str, xr.Dataset]
     left_out: list[str]
+
+
+class _Corrections(NamedTuple):
+    """What corrects the indices of runs: current and wind by run, model, and the generator of its draws."""
+
+    vessel: Vessel
+    currents: Mapping[str, DriftCurrent]
+    winds: Mapping[str, tuple[float, float]]
+    model: Model
+    rng: np.random.Generator
+
+
+def _index_rows(
+    trials: Mapping[str, xr.Dataset], runs: _Runs, by: _Corrections, progress: Callable[[str], None]
+) -> list[dict]:
+    """Indices of all runs, measured and corrected, before the budget of their uncertainty."""
+    rows: list[dict] = []
+    for name, manoeuvre in runs.manoeuvres.items():
+        progress(f"indices of {name}")
+        settings: dict[str, Any] = {"rudder_delay": runs.delays[name], "current": by.currents.get(name)}
+        settings |= {"wind": by.winds.get(name) if by.model.corrects_wind else None, "model": by.model, "rng": by.rng}
+        found = corrected_indices(trials[name], manoeuvre, by.vessel, **settings)
+        rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in found]
+    for name in runs.stops:
+        found = corrected_stopping(trials[name], by.currents.get(name), by.vessel.particulars.L, by.rng)
+        rows += [{"run": name} | row for row in found]
+    for name, turns in runs.spirals.items():
+        found = spiral_rows(turns, largest_loop(by.vessel.particulars.ship_time))
+        rows += [{"run": name} | row for row in found]
+    return rows
 
 
 def _runs_by_kind(records: Mapping[str, xr.Dataset], vessel: Vessel) -> _Runs:
