@@ -366,6 +366,7 @@ test_errors_of_rows = wording(
         for values, names, sentence in [
             ({"Yv": 1.0}, None, "found draws of Yv; leave it out"),
             ({"Yv|v|": np.inf}, None, "The value given for Yv|v| must be a finite number, found inf"),
+            ({"Yv|v|": 0.8}, None, "^The fixed values are those of the fit, found Yv.v. = 0.8 for 0.7; correct"),
             (HELD, NAMES[:4], "found a mismatch in Ydelta"),
             (HELD, (*NAMES, "Yx"), "found a mismatch in Yx"),
             (HELD, (*NAMES, "Yv"), "must differ, found Yv more than once; rename"),

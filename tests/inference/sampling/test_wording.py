@@ -60,10 +60,11 @@ def predicted(change=lambda group: group, data=None):
     predict(xr.DataTree.from_dict({"/posterior": posterior}), np.ones((1, 5)), data=data, rng=2)
 
 
-def predictive(rows=slice(None), lacks=(), **settings):
+def predictive(rows=slice(None), lacks=(), scale=1.0, **settings):
     data, prior, tree = tree_of(ConjugatePrior)
     tree = tree.filter(lambda group: group.name not in lacks)
-    with_predictive(tree, data.rows(np.arange(60)[rows]), prior, rng=np.random.default_rng(1), **settings)
+    data = replace(data.rows(np.arange(60)[rows]), response_scale=scale * data.response_scale)
+    with_predictive(tree, data, prior, rng=np.random.default_rng(1), **settings)
 
 
 def predicted_by_a_formula():
@@ -130,6 +131,7 @@ test_value_errors = wording(
         (f"^The data must be those of the posterior, found {fault} in its tree; give the", partial(predictive, **given))
         for fault, given in [
             ("another response and design matrix", {"rows": slice(30)}),
+            ("another response scale", {"scale": 2.0}),
             ("another response and design matrix", {"rows": slice(None, None, -1)}),
             ("no observed_data", {"lacks": ("observed_data", "constant_data")}),
         ]

@@ -105,6 +105,7 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
         column_scale=data.column_scale[free],
         response_center=float(data.response_center - data.column_center @ offset) if centred else 0.0,
         constant=int(free[: data.constant].sum()) if centred else -1,
+        fixed={**data.fixed, **fixed},
     )
 
 
@@ -131,7 +132,8 @@ def restore_fixed(
     Raises
     ------
     InferenceError
-        For values that are not finite, coefficients that the posterior has already, or an incomplete order.
+        For values that are not finite or not those of the fit, coefficients that the posterior has already, or an
+        incomplete order.
     """
     posterior = group_of(tree)
     check_kind("The fixed values", values, Mapping, _BY_NAME, InferenceError)
@@ -140,6 +142,12 @@ def restore_fixed(
     twice = [name for name in fixed if name in free]
     if twice:
         raise InferenceError(f"A fixed coefficient is not drawn, found draws of {', '.join(twice)}; leave it out.")
+    held = json.loads(tree.attrs.get("held_fixed", "{}"))
+    others = [
+        f"{name} = {value:g} for {held[name]:g}" for name, value in fixed.items() if held.get(name, value) != value
+    ]
+    if others:
+        raise InferenceError(f"The fixed values are those of the fit, found {', '.join(others)}; correct them.")
     ordered = name_list("The coefficients", [*free, *fixed] if coefficients is None else coefficients, InferenceError)
     if sorted(ordered) != sorted([*free, *fixed]):
         odd = sorted({*ordered} ^ {*free, *fixed})

@@ -147,6 +147,7 @@ def tree_attrs(data: RegressionData, prior: dict, method: str, state: str, work:
         **{name: getattr(data, name) for name in _LABELS},
         "prior": json.dumps(prior),
         "scaling": json.dumps({name: np.asarray(getattr(data, name)).tolist() for name in _SCALING}),
+        **({"held_fixed": json.dumps(dict(data.fixed))} if data.fixed else {}),
         "rng_state": state,
         **provenance(work or CITATIONS.get(method, "")),
     }

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from textwrap import shorten
 from typing import Any
@@ -52,6 +52,8 @@ class RegressionData:
         Coordinate of the rows [s], or the row number; label of the run, "1" for a single trial.
     dof, vessel, derivative, record_verdict, record_remarks : str
         Origin of the rows, and quality flags of the trial.
+    fixed : mapping of str to float
+        Values of coefficients whose part is subtracted, from :func:`pymc_ship.hold_fixed`.
 
     Arrays are read-only.
     """
@@ -72,6 +74,7 @@ class RegressionData:
     record_verdict: str = "not checked"
     record_remarks: str = ""
     formula: Formula | None = None
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("design_matrix", "response", "column_center", "column_scale", "time", "run"):
@@ -82,7 +85,7 @@ class RegressionData:
             object.__setattr__(self, name, values)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

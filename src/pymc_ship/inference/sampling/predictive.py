@@ -165,7 +165,7 @@ def with_predictive(
 
 
 def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:
-    """Data without the fixed coefficients; ValueError unless a posterior is theirs: names, response and design."""
+    """Data without the fixed coefficients; ValueError unless a posterior is theirs: names, response, design, scaling."""
     check_data(data)
     names = [str(name) for name in group_of(tree)["coefficient"].to_numpy()]
     if list(data.coefficients) != names:
@@ -180,7 +180,9 @@ def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:
         for group, name in (("observed_data", "response"), ("constant_data", "design_matrix"))
         if group in tree.children and name in tree[group]
     }
-    others = [name for name, values in stored.items() if not is_equal(getattr(free, name), values)]
+    if stored:
+        stored |= {name: np.asarray(value) for name, value in json.loads(tree.attrs.get("scaling", "{}")).items()}
+    others = [name for name, values in stored.items() if not is_equal(np.asarray(getattr(free, name)), values)]
     if others or not stored:
         fault = f"another {' and '.join(others)}".replace("_", " ") if stored else "no observed_data"
         raise ValueError(
