@@ -165,7 +165,7 @@ def with_predictive(
 
 
 def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:
-    """Data without the fixed coefficients; ValueError unless a posterior is theirs: names, response, design, scaling."""
+    """Data without the fixed coefficients; ValueError unless a posterior is theirs: names, rows, scaling."""
     check_data(data)
     names = [str(name) for name in group_of(tree)["coefficient"].to_numpy()]
     if list(data.coefficients) != names:
