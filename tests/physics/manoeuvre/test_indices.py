@@ -327,3 +327,21 @@ def test_the_advance_in_a_current_counts_from_the_order_over_ground(current):
     drift = current[0] * np.cos(np.deg2rad(current[1])) * float(calm["time_to_90"])
     assert float(drifting["advance"]) == pytest.approx(float(calm["advance"]) + drift, abs=0.02)
     assert float(drifting["time_to_90"]) == pytest.approx(float(calm["time_to_90"]), rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["euler", "rk4", "dop853"])
+@pytest.mark.parametrize("manoeuvre", [ps.zigzag(10, 10), ps.pull_out(20, 60, side="starboard")], ids=str)
+def test_headings_count_from_the_base_course(manoeuvre, method):
+    """The rudder is reversed at the same changes of heading, and the indices are the same, on any course."""
+    run = {"duration": 400.0, "step": 0.5, "method": method}
+    start = [8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    north, other = (
+        ps.simulate("kvlcc2", manoeuvre, initial_state=[*start[:5], course, 0.0, 0.0], **run) for course in (0.0, 2.5)
+    )
+    np.testing.assert_allclose(other["psi"] - 2.5, north["psi"], atol=2e-5)
+    wrapped = other.assign(psi=("time", (other["psi"].values + np.pi) % (2.0 * np.pi) - np.pi))
+    stated = other.assign(psi=other["psi"] - 0.01).assign_attrs(base_course=2.49)
+    assert np.ptp(wrapped["psi"].values) > 6.0 or manoeuvre.side == "port"
+    for record in (other, wrapped, stated):
+        for name, expected in ps.indices(north).items():
+            np.testing.assert_allclose(ps.indices(record)[name], expected, rtol=1e-4, err_msg=name)

@@ -24,6 +24,11 @@ def without_attr(name):
     ps.indices(record)
 
 
+def off_course(degrees):
+    record = sine(1.0)
+    return record.assign(psi=("time", record["psi"].values + np.deg2rad(degrees)))
+
+
 def with_a_gap():
     record = sine(1.0)
     record["psi"][40] = np.nan
@@ -57,6 +62,7 @@ test_trial_errors = wording(
         for name in ["heading_deg", "side"]
     ),
     ("the side is 'starboard' or 'port'", lambda: ps.indices(sine(1.0).assign_attrs(side="left"))),
+    ("counts from its base course, found 90 deg at the first sample", lambda: ps.indices(off_course(90.0))),
     ("Channel psi must be finite, found 1 bad values, the first at t = 40 s", with_a_gap),
 )
 

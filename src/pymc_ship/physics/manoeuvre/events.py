@@ -33,13 +33,14 @@ class Record:
         time: np.ndarray,
         motion: dict[str, np.ndarray],
         delay: float = 0.0,
-        drift: tuple[float, float] = (0.0, 0.0),
+        drift: Sequence[float] | np.ndarray = (0.0, 0.0),
     ):
         good = np.isfinite(motion["psi"])
         end = good.size if good.all() else int(np.argmin(good))
         self.time, self.ordered_at = time[:end], time[0] - delay
         self.motion = {name: values[:end] for name, values in motion.items()}
-        psi, upright = self.motion["psi"], np.cos(self.motion["phi"])
+        psi = self.motion["psi"] = np.unwrap(self.motion["psi"])
+        upright = np.cos(self.motion["phi"])
         surge, sway = self.motion["u"], self.motion["v"] * upright
         self.psi_dot = self.motion["r"] * upright
         self.x_dot = surge * np.cos(psi) - sway * np.sin(psi)

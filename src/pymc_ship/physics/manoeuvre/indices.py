@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.forces.surroundings import flow_components
 from pymc_ship.physics.manoeuvre.events import Record
@@ -23,8 +24,9 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     Parameters
     ----------
     trial : Dataset, dims (time,) or (draw, time)
-        u, v [m/s], r [rad/s], phi, psi [rad] and x, y [m]; psi of a zigzag counts from its base course. ``attrs`` hold
-        ``manoeuvre``, ``heading_deg`` and ``side``, as :func:`pymc_ship.simulate` writes them. Denoise a noisy record
+        u, v [m/s], r [rad/s], phi, psi [rad] and x, y [m]. ``attrs`` hold ``manoeuvre``, ``heading_deg`` and
+        ``side``, as :func:`pymc_ship.simulate` writes them. psi of a zigzag and a pull-out counts from the base
+        course, or from north with ``attrs["base_course"]`` [rad]. Denoise a noisy record
         first (:func:`pymc_ship.denoise`): its peaks are too high by about the noise. The rudder moves first at the
         first sample; times and distances count from its order, ``attrs["rudder_delay"]`` [s] before.
     manoeuvre : str, optional
@@ -39,7 +41,7 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     Raises
     ------
     TrialError
-        For another manoeuvre, missing channels or missing attrs.
+        For another manoeuvre, missing channels or missing attrs, and a first heading beyond the switching heading.
 
     Examples
     --------
@@ -49,10 +51,10 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     >>> print(f"{overshoot:.1f} {overshoot.attrs['units']}")
     10.2 deg
     """
-    name = manoeuvre or as_trial(trial).attrs.get("manoeuvre", "")
+    name = as_trial(trial).attrs.get("manoeuvre", "") if manoeuvre is None else manoeuvre
     known = [kind.name for kind in KINDS.values() if kind.indices]
-    if name not in known:
-        raise TrialError(f"Indices exist for {either(known)}, found {name!r}; name the manoeuvre.")
+    if not isinstance(name, str) or name not in known:
+        raise TrialError(f"Indices exist for {either(known)}, found {short_repr(name)}; name the manoeuvre.")
     kind = KINDS[name]
     required = {*kind.angles, "side"} - {"rudder_deg"}
     if required - trial.attrs.keys() or trial.attrs["side"] not in SIDES:
@@ -63,6 +65,8 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     if "psi" in run:  # up to a divergence
         run = run.isel(time=slice(0, max(np.flatnonzero(np.isfinite(run["psi"].values)), default=-1) + 1))
     check_trial(run, channels, uniform=False)
+    if "heading_deg" in kind.angles and run.sizes["time"]:
+        _check_base_course(name, np.rad2deg(float(run["psi"][0]) - trial.attrs.get("base_course", 0.0)), trial.attrs)
     runs = trial if "draw" in trial.dims else trial.expand_dims("draw")
     records = zip(*(runs[name].transpose("draw", "time").values for name in channels), strict=True)
     time, delay = runs["time"].values, float(np.nan_to_num(trial.attrs.get("rudder_delay", 0.0)))
@@ -75,6 +79,15 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
         attrs={**trial.attrs, "manoeuvre": kind.name},
     )
     return table.assign_coords(draw=runs["draw"]) if "draw" in trial.dims else table.isel(draw=0)
+
+
+def _check_base_course(name: str, first_deg: float, attrs: Mapping[str, Any]) -> None:
+    """Raise TrialError for a first heading from the base course [deg] beyond the switching heading."""
+    if abs(first_deg) >= attrs["heading_deg"]:
+        raise TrialError(
+            f"The heading of a {name} counts from its base course, found {first_deg:.4g} deg at the first sample; "
+            "subtract the base course, or give it as attrs['base_course'] [rad]."
+        )
 
 
 def indices_of_run(ship: Record, kind: ManoeuvreKind, attrs: Mapping[str, Any]) -> dict[str, float]:

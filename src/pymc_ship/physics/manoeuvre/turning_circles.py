@@ -82,11 +82,11 @@ TURNING_CIRCLE = ManoeuvreKind(
 
 
 def _pull_out_indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
-    """Indices of the yaw rate after the rudder is ordered amidships."""
+    """Indices of the yaw rate after the rudder is ordered amidships; the base course as of a zigzag."""
     import numpy as np
 
-    side = SIDES[attrs["side"]]
-    begin = record.crossing(math.radians(attrs["heading_deg"]), side)
+    side, course = SIDES[attrs["side"]], attrs.get("base_course", 0.0)
+    begin = record.crossing(math.radians(attrs["heading_deg"]) + side * course, side)
     after = record.time >= begin
     if not math.isfinite(begin) or after.sum() < 2:
         return {}

@@ -17,12 +17,16 @@ BY_HAND = math.radians(1.0)
 
 
 def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
-    """Indices reached; overshoots count from the switching heading or from ``attrs["reversal_times"]`` [s]."""
+    """Indices reached; overshoots count from the switching heading or from ``attrs["reversal_times"]`` [s].
+
+    The base course is ``attrs["base_course"]`` [rad], by default 0.
+    """
     heading, side = math.radians(attrs["heading_deg"]), SIDES[attrs["side"]]
+    course = attrs.get("base_course", 0.0)
     by_hand: Sequence[float] = attrs.get("reversal_times", ())
     indices: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
-    switch = record.crossing(heading, side)
-    if not by_hand or side * record.at("psi", by_hand[0]) > heading - BY_HAND:
+    switch = record.crossing(heading + side * course, side)
+    if not by_hand or side * (record.at("psi", by_hand[0]) - course) > heading - BY_HAND:
         indices["initial_turning_time"] = switch - record.ordered_at
         if math.isfinite(switch):
             indices["initial_turning_distance"] = record.distance(switch)
@@ -37,10 +41,11 @@ def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
             indices[f"{name}_overshoot_time"] = peak - switch
         side = -side
         if count == 0:
-            indices["reach"] = record.crossing(0.0, side, after=peak) - record.ordered_at
+            indices["reach"] = record.crossing(side * course, side, after=peak) - record.ordered_at
         if by_hand and count + 1 == len(by_hand):
             break
-        switches.append(by_hand[count + 1] if by_hand else record.crossing(heading, side, after=peak))
+        level = heading + side * course
+        switches.append(by_hand[count + 1] if by_hand else record.crossing(level, side, after=peak))
     if len(switches) > 2:
         indices["period"] = switches[2] - switches[0]
     return indices

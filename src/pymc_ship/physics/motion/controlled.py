@@ -63,7 +63,7 @@ def course(
 
     def heading_reached(t: float, state: np.ndarray) -> float:
         ordered = factor * manoeuvre.command(np.array([t]))[0]
-        return -np.sign(ordered) * state[5] - heading
+        return -np.sign(ordered) * (state[5] - start.state[5]) - heading
 
     out_of_range.terminal = heading_reached.terminal = True  # type: ignore[attr-defined]
     heading_reached.direction = 1.0  # type: ignore[attr-defined]

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.machine.arguments import check_choice, real_array
+from pymc_ship.machine.arguments import check_choice, number_or_nan, real_array, short_repr
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.physics.forces.surroundings import Flow, flow_components
@@ -38,15 +38,19 @@ from pymc_ship.trial.channels import CHANNELS, SIMULATED
 INTEGRATORS = (*METHODS, "dop853")  # methods of simulate: two with a fixed step, one with controlled error
 
 
+_MOST_STEPS = 10**8  # of a simulation
+
+
 class Steering(NamedTuple):
     """Steering of a simulation: the ``command`` (n_steps,) [rad] and the largest movement in a step, ``travel`` [rad].
 
-    ``delay`` steps after a change of heading by ``heading`` [rad], the command is multiplied by ``factor``: within a
-    step if ``within`` is 1, else at the begin of the next. A ``step`` has a duration [s].
+    ``delay`` steps after a change of heading from the ``course`` by ``heading`` [rad], the command is multiplied by
+    ``factor``: within a step if ``within`` is 1, else at the begin of the next. A ``step`` has a duration [s].
     """
 
     command: np.ndarray
     travel: float
+    course: float
     heading: float
     factor: float
     delay: float
@@ -96,7 +100,7 @@ def _steer(steering: Steering, state: np.ndarray, command: float, rudder: Rudder
     psi, factor, waiting, travel = state[5], rudder.factor, rudder.waiting, steering.travel
     for lane in range(psi.size):
         side = -np.sign(factor[lane] * command)
-        beyond = side * psi[lane] - steering.heading
+        beyond = side * (psi[lane] - steering.course) - steering.heading
         if waiting[lane] == np.inf and beyond >= 0.0:
             turned = side * (psi[lane] - rudder.psi[lane])
             slope = side * steering.step * state[2, lane] * math.cos(state[4, lane])
@@ -183,7 +187,8 @@ def simulate(
     coefficients : array_like, shape (n_draws, n_coefficients), optional
         DOFs one after the other in the vessel's order; the vessel's reference values by default.
     initial_state : sequence of float, optional
-        u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m] at time 0, in place of a straight course to the north.
+        u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m] at time 0, in place of a straight course to the north. A
+        switching heading counts from psi at time 0.
     n : float, optional
         Revolutions [1/s]; those that hold the approach speed by default. Terms without parts hold the nominal one.
     wind : (float, float), optional
@@ -243,6 +248,7 @@ def simulate(
         "dofs": " ".join(vessel.dofs),
         "step": step,
         "method": method,
+        **({} if initial_state is None else {"base_course": float(start.state[5])}),
         **_surroundings(n, wind, current),
         **({"tolerance": tolerance} if method == "dop853" else {}),
     }
@@ -254,7 +260,7 @@ def _simulate_in_steps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Samples (9, n_draws, n_saved) of ships side by side by steps of one length, and when each diverged [s]."""
     out = np.full((len(SIMULATED), len(draws), -(-n_steps // steps.substeps)), np.nan)
-    equations, steering = scheme(vessel), _steering(vessel, manoeuvre, n_steps, steps)
+    equations, steering = scheme(vessel), _steering(vessel, manoeuvre, n_steps, steps, float(start.state[5]))
     blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
     def run(lanes: slice) -> np.ndarray:
@@ -269,8 +275,8 @@ def _simulate_with_error_control(
     vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, time: np.ndarray, start: Start, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same with controlled error, one draw after the other."""
-    if not 1e-13 <= tolerance < 1.0:
-        raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {tolerance}; correct it.")
+    if not 1e-13 <= number_or_nan(tolerance) < 1.0:
+        raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {short_repr(tolerance)}; correct it.")
     runs = [course(vessel, manoeuvre, draw, time, start, tolerance) for draw in draws]
     return np.stack([samples for samples, _ in runs], axis=1), np.array([diverged_at for _, diverged_at in runs])
 
@@ -278,20 +284,25 @@ def _simulate_with_error_control(
 def _grid(duration: float, step: float, record_interval: float | None, method: str) -> tuple[int, int]:
     check_choice("The method", method, INTEGRATORS, SimulationError)
     for name, value in (("duration", duration), ("step", step)):
-        if not 0.0 < value < np.inf:
-            raise SimulationError(f"The {name} must be a positive number, found {value} s; correct it.")
+        if not 0.0 < number_or_nan(value) < np.inf:
+            raise SimulationError(f"The {name} must be a positive number, found {short_repr(value)} s; correct it.")
     if duration < step:
         raise SimulationError(f"The duration must be at least one step, found {duration} s at {step} s; lengthen it.")
-    ratio = 1.0 if record_interval is None else record_interval / step
+    if duration > _MOST_STEPS * step:
+        raise SimulationError(
+            f"The duration has at most {_MOST_STEPS:.0e} steps, found {duration} s at {step} s; shorten it, "
+            "or lengthen the step."
+        )
+    ratio = 1.0 if record_interval is None else number_or_nan(record_interval) / step
     stride = round(ratio) if 0.0 < ratio < np.inf else 0
     if stride < 1 or abs(ratio - stride) > 1e-9 * ratio:
-        pair = f"{record_interval} s at {step} s"
+        pair = f"{short_repr(record_interval)} s at {step} s"
         raise SimulationError(f"The record interval is a multiple of the step, found {pair}; adjust it.")
     return round(duration / step), stride
 
 
-def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integration) -> Steering:
-    """Steering of a vessel in a manoeuvre; Euler switches the rudder between steps only."""
+def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integration, course: float) -> Steering:
+    """Steering of a vessel in a manoeuvre from a course [rad]; Euler switches the rudder between steps only."""
     heading, factor = manoeuvre.switch
     delay, within = vessel.particulars.rudder_delay / steps.step, len(steps.stages) > 1
     command, travel = manoeuvre.command(np.arange(n_steps) * steps.step), rudder_rate(vessel, manoeuvre) * steps.step
@@ -299,6 +310,7 @@ def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integra
     return Steering(
         command=command,
         travel=travel,
+        course=course,
         heading=float(heading),
         factor=float(factor),
         delay=delay,
@@ -309,7 +321,8 @@ def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integra
 
 def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:
     """State at time 0, (8,)."""
-    initial = np.asarray([speed, *[0.0] * (STATE_ROWS - 1)] if given is None else given, dtype=float)
+    state = [speed, *[0.0] * (STATE_ROWS - 1)] if given is None else given
+    initial = real_array("The initial state", state, SimulationError)
     if initial.shape != (STATE_ROWS,) or not np.isfinite(initial).all():
         names = "u, v, r, p, phi, psi, x and y"
         raise SimulationError(f"An initial state has 8 numbers, {names}, found {initial.tolist()}; correct it.")

@@ -109,7 +109,7 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
     if "psi" not in trial or trial.sizes["time"] < 3:
         return {}
     has = set(trial.data_vars)
-    settings = dict(attrs) | {"rudder_delay": order_delay(smooth, attrs.get("rudder_delay", 0.0))}
+    settings = dict(attrs) | {"rudder_delay": order_delay(smooth, attrs.get("rudder_delay", 0.0)), "base_course": 0.0}
     if "delta" in has and kind.swings:
         settings |= _hand_steered_reversals(trial, settings)
     elif "delta" in has and kind.circles:
