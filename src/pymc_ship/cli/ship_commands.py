@@ -185,6 +185,7 @@ def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Forecast manoeuvres and write the page; the text has indices and probabilities of the IMO criteria."""
+    from pymc_ship.ships.forecasting.forecast import recorded_forecast
     from pymc_ship.ships.forecasting.page import measured_doubts, write_forecast_page
     from pymc_ship.ships.forecasting.steady_turns import spiral_sentence, steady_turns
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
@@ -208,10 +209,15 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     trees, text = {}, []
     for label, manoeuvre in wanted.items():
         progress(f"forecasting the {label}")
-        settings = {"duration": args.duration, "facility": args.facility or _facility(ship, measured.get(label))}
+        settings = {"duration": args.duration, "draws": args.draws, "rng": rng}
         around = {"n": args.n, "wind": args.wind, "current": args.current}
+        stated = [args.facility, *around.values()]
         rng.bit_generator.state = state  # the same random numbers for every manoeuvre
-        trees[label] = ps.forecast(ship, manoeuvre, draws=args.draws, rng=rng, **settings, **around)
+        if label in measured and all(one is None for one in stated):
+            trees[label] = recorded_forecast(ship, *measured[label], **settings)
+        else:
+            facility = args.facility or _facility(ship, measured.get(label))
+            trees[label] = ps.forecast(ship, manoeuvre, facility=facility, **settings, **around)
         reference = _reference(manoeuvre, source.reference, trees[label], **around)
         text.append(_text(trees[label], label, measured, ship.vessel, reference))
     text += [spiral_sentence(turns)] if turns is not None else []

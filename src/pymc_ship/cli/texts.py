@@ -229,7 +229,8 @@ def compared_index_text(indices: xr.Dataset, caption: str, *, scored: bool = Fal
     units = dict(zip(names, indices["units"].values.tolist(), strict=True))
     heads = {key: key for key in ("run", "manoeuvre", "index", "measured", "forecast")}
     heads |= {"error": "error"} if scored else {}
-    heads |= {"sd": "± sd", "unit": "unit"} | ({"inside": "inside 95 %"} if scored else {})
+    heads |= {"lower": "95 % from", "upper": "to"} if scored else {"sd": "± sd"}
+    heads |= {"unit": "unit"} | ({"inside": "inside 95 %"} if scored else {})
     rows = [row | {"unit": units[row["index"]]} for row in index_errors(indices)]
     return table_text(list(heads.values()), [[row[key] for key in heads] for row in rows], caption)
 

@@ -10,8 +10,12 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
+from pymc_ship.ships.forecasting.forecast import recorded_forecast
+from pymc_ship.ships.forecasting.page import measured_doubts
 from pymc_ship.ships.identification.replay import channel_rows, index_errors
 from pymc_ship.ships.identification.score_page import _missed, errors_by_channel, windows_of, write_score_page
+from tests.physics.forces.test_parts import AHEAD
+from tests.physics.forces.test_parts import tanker as by_parts
 from tests.replication.cases import Page
 from tests.ships.ensemble.cases import ship_of
 
@@ -71,6 +75,46 @@ def test_an_identified_ship_has_intervals_of_indices(records):
     assert wide["sd"] == pytest.approx(np.hypot(narrow["sd"], 0.05 * wide["scale"]))
     off = wide | {"run": "2", "measured": wide["forecast"] + 2.0 * wide["sd"]}
     assert [shown["inside"] for shown in index_errors(index_table([wide, off]))] == ["yes", "no"]
+
+
+def test_the_intervals_of_a_score_are_those_of_the_forecast(records):
+    """A skew law: its quantiles lie elsewhere than the sd on both sides of the estimate."""
+    vessel = ps.load_vessel("kvlcc2")
+    row = reference_coefficients(vessel)
+    draws = row * (1.0 + 0.05 * np.random.default_rng(1).exponential(size=(60, 1)) * (row < 0.0))
+    ship = ship_of((vessel, draws), index_error={"angle": np.array([0.02])})
+    table = ps.score_indices(ship, [records["zigzag"]], rng=2020)
+    (manoeuvre,), _ = ps.recognise([records["zigzag"]], vessel)
+    bands = ps.forecast(ship, manoeuvre, rng=2020)["index_bands"]
+    errors = {line["index"]: line for line in index_errors(table)}
+    for name in table["index"].values:
+        lower, _, upper = bands[name].values
+        assert (table["lower"].sel(index=name).item(), table["upper"].sel(index=name).item()) == (lower, upper), name
+        measured = table["measured"].sel(index=name).item()
+        assert errors[name.replace("_", " ")]["inside"] == ("yes" if lower <= measured <= upper else "no")
+
+
+def test_a_forecast_of_a_record_has_its_wind():
+    """Term sets without forces of wind are simulated without it."""
+    windy, still = by_parts((*AHEAD, "wind")), by_parts(AHEAD)
+    run = ps.simulate(windy, ps.turning_circle(35), duration=900, step=0.5, wind=(12.0, 60.0))
+    size = run.sizes["time"]
+    blown = {"wind_speed": np.full(size, 12.0), "wind_direction": np.full(size, np.deg2rad(60.0))}
+    trial = run.assign({name: ("time", values) for name, values in blown.items()})
+    manoeuvre = ps.turning_circle(35, approach_speed=float(run["u"][0]))
+    ships = [
+        ship_of(*((one, np.tile(reference_coefficients(one), (2, 1))) for one in of))
+        for of in ((windy,), (windy, still))
+    ]
+    one, two = (recorded_forecast(ship, manoeuvre, trial, rng=np.random.default_rng(1)) for ship in ships)
+    found, calm = (tree["indices"]["tactical_diameter"].values for tree in (one, two))
+    assert found == pytest.approx(float(ps.indices(run)["tactical_diameter"]), rel=2e-3)
+    assert calm[:2] == pytest.approx(found)
+    assert abs(calm[2] / found[0] - 1.0) > 0.01
+    assert one.attrs["wind_speed"] == two.attrs["wind_speed"] == pytest.approx(12.0)
+    assert measured_doubts({"a": trial}, {"a": one}) == []
+    assert "12 m/s from 60 deg" in one.attrs["steering"]
+    assert "1 of 2 term sets have no forces of wind." in two.attrs["steering"]
 
 
 def test_the_page_has_every_table_and_figure(scored, records, tmp_path):

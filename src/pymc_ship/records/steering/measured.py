@@ -20,6 +20,7 @@ from pymc_ship.physics.manoeuvre.steering_record import (
     rudder_reversals,
 )
 from pymc_ship.physics.manoeuvre.zigzags import BY_HAND
+from pymc_ship.physics.motion.inputs import recorded_wind
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import MIN_LENGTH, denoise
 from pymc_ship.records.denoising.draws import denoise_draws
@@ -142,6 +143,14 @@ def order_delay(trial: xr.Dataset, stated: float) -> float:
         if orders.size:
             return max(first_execute(trial) - float(orders[-1]), 0.0)
     return float(np.nan_to_num(stated))
+
+
+def wind_off_bow(trial: xr.Dataset) -> tuple[float, float] | None:
+    """Mean true wind from the first execute on: speed [m/s], and origin from the base course [deg]; None without."""
+    if recorded_wind(trial) is None:
+        return None
+    wind = recorded_wind(trial.isel(time=trial["time"].values >= first_execute(trial))) or 0j
+    return abs(wind), float(np.rad2deg(np.angle(wind) - base_course(trial))) % 360.0
 
 
 def order_sentence(delay: float, speed: float) -> str:

@@ -10,8 +10,10 @@ import xarray as xr
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.manoeuvre.registry import KINDS
 
-VARIABLES = ("measured", "forecast", "parameter_sd", "model_sd", "measured_sd", "scale", "beyond", "sd")
-"""Variables of the table; ``scale`` is the unit of the model error, ``beyond`` the distance from the milder runs."""
+_SDS = ("parameter_sd", "model_sd", "measured_sd")
+VARIABLES = ("measured", "forecast", *_SDS, "scale", "beyond", "sd", "lower", "upper")
+"""Variables of the table; ``scale`` is the unit of the model error, ``beyond`` the distance from the milder runs, and
+``lower`` to ``upper`` the interval of 95 % of the forecast."""
 
 
 def index_table(rows: Sequence[Mapping]) -> xr.Dataset:

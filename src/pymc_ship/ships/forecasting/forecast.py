@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,13 +13,14 @@ from pymc_ship.machine.arguments import check_choice, check_counts, check_probab
 from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.pages.tables import rounded_percent
+from pymc_ship.physics.forces.surroundings import WIND, Flow
 from pymc_ship.physics.manoeuvre.indices import indices, needs_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.inputs import held_speed
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
-from pymc_ship.records.steering.measured import order_sentence
+from pymc_ship.records.steering.measured import order_sentence, wind_off_bow
 from pymc_ship.records.steering.recognition import Steering, with_steering
 from pymc_ship.ships.ensemble.draws import Models, suitable_models, thinned_draws
 from pymc_ship.ships.ensemble.feasibility import feasible_runs
@@ -28,6 +29,7 @@ from pymc_ship.ships.ensemble.scores import quantile_bands, quantiles
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import UNKNOWN, extrapolation, percentage_outside, sentence
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
+from pymc_ship.trial.record import facility_of
 
 _SPARSE = 20  # samples from one to the next that is compared, where a manoeuvre has no indices
 NO_ROLL = "There is no forecast of roll angles: none or too few of the simulated ships roll."
@@ -115,18 +117,55 @@ def forecast(
     if facility is not None and manoeuvre.approach_speed is None and n is None:
         speed = ship.facilities[facility].approach_speed
         manoeuvre = replace(manoeuvre, approach_speed=speed if np.isfinite(speed) else None)
-    unit = all_models[0][0].particulars.ship_time
-    duration = manoeuvre.traits.reach * unit if duration is None else duration
-    models = thinned_draws(all_models, draws)
+    settings |= {**environment, "duration": duration, "ci_prob": ci_prob}
+    tree = _ship_forecast(ship, thinned_draws(all_models, draws), manoeuvre, rng, facility, **settings)
+    tree.attrs["steering"] = " ".join(filter(None, [tree.attrs["steering"], *_left_out(ship, all_models)]))
+    return tree
+
+
+def recorded_forecast(
+    ship: Ship, manoeuvre: Manoeuvre, trial: xr.Dataset, *, rng: np.random.Generator, draws: int = 1000, **settings: Any
+) -> xr.DataTree:
+    """Forecast of a recorded manoeuvre, as :func:`forecast`: at its facility, and in its mean wind.
+
+    A term set without forces of wind is simulated without it.
+    """
+    facility = facility_of(trial) if facility_of(trial) in ship.facilities else None
+    models, wind = thinned_draws(_models_at_facility(ship, facility or None), draws), wind_off_bow(trial)
+    blown = [wind if WIND.name in vessel.parts else None for vessel, _ in models]
+    tree = _ship_forecast(ship, models, manoeuvre, rng, facility or None, winds=blown, **settings)
+    if wind is not None and any(blown):
+        still = f" {blown.count(None)} of {len(blown)} term sets have no forces of wind." if None in blown else ""
+        tree.attrs["steering"] += (
+            f" The forecast has the mean wind of the record, {wind[0]:.3g} m/s from {wind[1]:.0f} deg off the bow of "
+            f"the approach.{still}"
+        )
+    return tree
+
+
+def _ship_forecast(
+    ship: Ship,
+    models: Models,
+    manoeuvre: Manoeuvre,
+    rng: np.random.Generator,
+    facility: str | None,
+    *,
+    duration: float | None = None,
+    ci_prob: float = 0.95,
+    **settings: Any,
+) -> xr.DataTree:
+    """Forecast of models of a ship, with its model error; settings as of :func:`pooled_forecast`."""
+    vessel = models[0][0]
+    duration = manoeuvre.traits.reach * vessel.particulars.ship_time if duration is None else duration
     errors = None if ship.index_error is None else ship.index_error | steady_error(ship.motion_error)
-    settings = simulation_settings(models[0][0], **settings, **environment, duration=duration, ci_prob=ci_prob)
     data: dict[str, Any] = {"noise": ship.noise_sd, "motion": ship.motion, "errors": errors}
     data |= {"growth": ship.growth_at, "only_feasible": errors is not None}
+    settings = simulation_settings(vessel, **settings, duration=duration, ci_prob=ci_prob)
     tree = pooled_forecast(models, manoeuvre, rng=rng, **data, **settings)
     approach = tree.attrs["approach_speed"]
-    sentences = [_steering_sentence(models[0][0], ship.facilities, facility)]
+    sentences = [_steering_sentence(vessel, ship.facilities, facility)]
     sentences += [order_sentence(tree.attrs["rudder_delay"], approach)] if manoeuvre.traits.indices else []
-    sentences += _left_out(ship, all_models) + held_speed([vessel for vessel, _ in models], approach, n)
+    sentences += held_speed([vessel for vessel, _ in models], approach, settings.get("n"))
     sentences += [f"The approach is at {approach:.4g} m/s."] if facility is not None else []
     tree.attrs["steering"] = " ".join(sentences)
     return tree
@@ -189,6 +228,7 @@ def pooled_forecast(
     errors: Mapping[str, np.ndarray | float] | None = None,
     growth: Callable[[float], np.ndarray | float] = lambda beyond: 1.0,
     only_feasible: bool = False,
+    winds: Sequence[Flow] | None = None,
     **settings: Any,
 ) -> xr.DataTree:
     """As :func:`forecast`, with the draws of models that differ in terms and parts alone.
@@ -197,9 +237,14 @@ def pooled_forecast(
     are pairs of a vessel and draws (n_draws, n_coefficients), fitted to the prime ``motion``, dims (row, symbol).
     ``noise`` is the sd of the sensors by channel [SI], ``errors`` the error of the indices by kind, from
     :func:`.model_error`, and ``growth`` that of the error at a distance beyond the motion, such as
-    :meth:`.Ship.growth_at`.
+    :meth:`.Ship.growth_at`. ``winds`` has the wind of each model, in place of one for all.
     """
-    runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
+    each: list[dict] = [{}] * len(models) if winds is None else [{"wind": wind} for wind in winds]
+    settings |= {"duration": duration}
+    runs = [
+        simulate(ship, manoeuvre, coefficients=rows, **settings | own)
+        for (ship, rows), own in zip(models, each, strict=True)
+    ]
     if only_feasible:
         runs = _feasible(models, manoeuvre, runs)
     rolling = np.concatenate([np.full(run.sizes["draw"], "roll" in run.attrs["dofs"].split()) for run in runs])
@@ -209,7 +254,8 @@ def pooled_forecast(
     shown = [name for name in SIMULATED if "roll" in vessel.dofs or not CHANNELS[name].rolling]
     simulated = xr.concat(runs, "draw", combine_attrs="override") if len(runs) > 1 else runs[0]
     simulated = simulated.assign_coords(draw=np.arange(simulated.sizes["draw"]))
-    simulated = simulated.assign_attrs(dofs=" ".join(vessel.dofs))
+    of_all = {key: value for run in runs for key, value in run.attrs.items()}
+    simulated = simulated.assign_attrs(of_all | runs[0].attrs, dofs=" ".join(vessel.dofs))
     ships = _nan_without_roll(simulated, rolling, lambda name: name in CHANNELS and CHANNELS[name].rolling)
     groups = {"trajectories": ships, "bands": quantile_bands(ships[shown], ci_prob)}
     if noise:

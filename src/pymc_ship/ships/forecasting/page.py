@@ -5,22 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import check_callables, check_kind, short_repr
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed_point, heads, number, percent, rounded_percent, table
 from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY, imo_probabilities, probability_text
 from pymc_ship.physics.manoeuvre.indices import needs_roll
 from pymc_ship.physics.manoeuvre.registry import kind_named
-from pymc_ship.physics.manoeuvre.steering_record import base_course
-from pymc_ship.physics.motion.inputs import recorded_wind
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.quality_flags import ground_remarks, quality_remarks
-from pymc_ship.records.steering.measured import measured_indices
+from pymc_ship.records.steering.measured import measured_indices, wind_off_bow
 from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, error_rows
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
@@ -31,6 +32,7 @@ from pymc_ship.ships.forecasting.forecast import NO_ROLL, has_roll
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence
 from pymc_ship.ships.forecasting.stopping import COLUMNS as STOPPING_COLUMNS
 from pymc_ship.ships.forecasting.stopping import stopping_rows, stopping_sentence, stopping_tracks
+from pymc_ship.trial.record import named_trials
 
 PAGE = Page(  # its folder may hold the page of the ship, too
     "forecast.html",
@@ -103,16 +105,22 @@ def write_forecast_page(
     OutputError
         When the folder cannot be written.
     """
+    check_callables(progress=progress)
     ship = as_ship(ship)
     vessel = ship.vessel if vessel is None else as_vessel(vessel)
-    measured = dict(measured or {})
+    measured = {} if measured is None else measured
+    check_kind("measured", measured, Mapping, "give a dict of trials by the name of their forecast")
+    _check_forecasts(forecasts)
+    for argument, given in (("turns", turns), ("stop", stop)):
+        if given is not None:
+            check_kind(argument, given, xr.Dataset, "make it by ps.steady_turns or ps.stopping")
     if not forecasts and turns is None and stop is None:
-        raise ValueError("A page of forecasts needs at least one forecast, found none; forecast a manoeuvre.")
+        raise ShipError("A page of forecasts needs at least one forecast, found none; forecast a manoeuvre.")
     if unknown := [name for name in measured if name not in forecasts]:
-        raise ValueError(
+        raise ShipError(
             f"A measured trial belongs to one of the forecasts {', '.join(forecasts)}; found {unknown[0]!r}; rename it."
         )
-    out = writable_folder(out)
+    measured, out = named_trials(measured), writable_folder(out)
     verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
     rows, sections = {"forecast_verdict": verdicts} if verdicts else {}, []
     drawn = {"forecast_overview": overview(forecasts, vessel, measured)} if forecasts else {}
@@ -147,6 +155,15 @@ def write_forecast_page(
         "command": command,
     }
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
+
+
+def _check_forecasts(forecasts: Any) -> None:
+    """Raise ShipError for anything else than forecasts by name."""
+    by_name = isinstance(forecasts, Mapping) and not isinstance(forecasts, xr.DataTree)
+    trees = [*forecasts.values()] if by_name else [forecasts]
+    if not by_name or not all(isinstance(tree, xr.DataTree) and "bands" in tree.children for tree in trees):
+        found = ", ".join(short_repr(type(tree)) for tree in trees)
+        raise ShipError(f"forecasts must be a dict of forecasts by name, found {found}; make them by ps.forecast.")
 
 
 def _head(ship: Ship, forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
@@ -216,12 +233,12 @@ def measured_doubts(measured: Mapping[str, xr.Dataset], forecasts: Mapping[str, 
     remarks = quality_remarks({f"{name}, measured": trial for name, trial in measured.items()})
     still = {name: trial for name, trial in measured.items() if "current_speed" not in forecasts[name].attrs}
     for name, trial in measured.items():
-        wind = recorded_wind(trial)
+        wind = wind_off_bow(trial)
         if wind is not None and "wind_speed" not in forecasts[name].attrs:
-            bow = round(float(np.rad2deg(np.angle(wind) - base_course(trial)))) % 360
+            speed, bow = f"{wind[0]:.3g}", round(wind[1]) % 360
             remarks += [
-                f"{name}, measured: its mean wind, {abs(wind):.3g} m/s from {bow} deg off the bow of the approach, "
-                f"is not in the forecast. Forecast with wind {abs(wind):.3g}/{bow}, if the ship has wind forces."
+                f"{name}, measured: its mean wind, {speed} m/s from {bow} deg off the bow of the approach, "
+                f"is not in the forecast. Forecast with wind {speed}/{bow}, if the ship has wind forces."
             ]
     return remarks + ground_remarks(still)
 

@@ -19,11 +19,11 @@ from pymc_ship.physics.forces.surroundings import CURRENT, CURRENT_COMPONENTS, W
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.manoeuvre.steering_record import base_course, first_execute
-from pymc_ship.physics.motion.inputs import recorded_wind, revolutions_measured, takes_revolutions
+from pymc_ship.physics.motion.inputs import revolutions_measured, takes_revolutions
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
-from pymc_ship.records.steering.measured import index_draws, measured_indices
+from pymc_ship.records.steering.measured import index_draws, measured_indices, wind_off_bow
 from pymc_ship.records.steering.recognition import unrecognised_text
 from pymc_ship.ships.ensemble.draws import robust_sd
 from pymc_ship.ships.ensemble.index_error import index_scale
@@ -121,13 +121,10 @@ def _log_density(misfit: np.ndarray, sd: np.ndarray) -> float:
 def recorded_settings(trial: xr.Dataset, vessel: Vessel) -> dict[str, Any]:
     """Measured revolutions ``n`` [1/s] and ``wind`` (speed [m/s], origin to base course [deg]), if modelled."""
     settings: dict[str, Any] = {}
-    after = trial["time"].values >= first_execute(trial)
     if takes_revolutions(vessel) and revolutions_measured(trial):
-        settings["n"] = float(np.median(trial["n"].values[after]))
-    wind = recorded_wind(trial.isel(time=after)) if WIND.name in vessel.parts else None
-    if wind is not None:
-        settings["wind"] = abs(wind), float(np.rad2deg(np.angle(wind) - base_course(trial)))
-    return settings
+        settings["n"] = float(np.median(trial["n"].values[trial["time"].values >= first_execute(trial)]))
+    wind = wind_off_bow(trial) if WIND.name in vessel.parts else None
+    return settings if wind is None else settings | {"wind": wind}
 
 
 def _through_water(

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
-from pymc_ship.machine.arguments import check_counts, check_probabilities, number_or_nan
-from pymc_ship.machine.errors import TrialError
+from pymc_ship.machine.arguments import check_counts, check_probabilities, number_or_nan, short_repr
+from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.draws import thinned_draws
@@ -21,16 +23,17 @@ from pymc_ship.ships.ensemble.motion_error import with_motion_error
 from pymc_ship.ships.ensemble.scores import BANDS, crps, quantile_bands
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
+from pymc_ship.ships.forecasting.forecast import recorded_forecast
 from pymc_ship.ships.identification.held_out import forecast_rows, index_noise_sd
-from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.ships.identification.open_loop import reading_noise_sd, replay_noise_sd, simulate_open_loop
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import as_trial, check_trial, facility_of, run_names, trial_list
+from pymc_ship.trial.record import as_trial, check_trial, facility_of, run_names, sampling_interval, trial_list
 
 SCORED = ("u", "v", "r", "psi", "position")  # channels of a score; the position is the distance between the tracks
 _VELOCITIES = SCORED[:3]
 _OF_WINDOW = ("square", "coverage", "crps")
 _MEASURED = ("u", "v", "r", "psi", "delta")
+_NO_INTERVAL = {"lower": np.nan, "upper": np.nan}
 
 
 def replay(
@@ -172,9 +175,12 @@ def score(
     unit = ship.vessel.particulars.ship_time
     length = 5.0 * unit if length is None else length
     every = length if every is None else every
-    if not 0.0 < number_or_nan(length) < np.inf or not 0.0 < number_or_nan(every) < np.inf:
+    shortest = max(map(sampling_interval, trials))
+    if not all(shortest <= number_or_nan(value) < np.inf for value in (length, every)):
+        found = f"length = {short_repr(length)} s and every = {short_repr(every)} s"
         raise TrialError(
-            f"A score needs windows of positive length and distance, found {length} s and {every} s; correct them."
+            f"A score needs windows of positive length and distance, one sampling interval of {shortest:.4g} s or "
+            f"more, found {found}; correct them."
         )
     means = {name: float(np.mean(np.concatenate([trial[name].values for trial in trials]))) for name in _VELOCITIES}
     settings: dict[str, Any] = {"windows": (length, every), "means": means, "draws": draws, "ci_prob": ci_prob}
@@ -207,14 +213,16 @@ def score_indices(
     draws : int, optional
         Largest number; term sets keep their proportions.
     rng : int, SeedSequence or Generator
-        For the draws of the denoised records, which give ``measured_sd``.
+        For the draws of the denoised records, which give ``measured_sd``, and of the forecasts.
 
     Returns
     -------
     Dataset, dims (run, index)
         ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between the models), ``measured_sd`` (of the
         measurement noise), ``scale``, ``beyond``, the distance of the record from the runs of the identification, and
-        ``sd`` of the error, with the model error at this distance; all sds are 0 for a vessel.
+        ``sd`` of the error, with the model error at this distance; all sds are 0 for a vessel. ``lower`` and ``upper``
+        are the interval of 95 % of :func:`pymc_ship.forecast`, at the facility and in the wind of the record; NaN for
+        a vessel.
         Coordinates ``manoeuvre`` (run), ``quantity`` and ``units`` (index). Records of no standard
         manoeuvre are left out.
 
@@ -225,6 +233,7 @@ def score_indices(
     """
     check_counts(draws=draws)
     rng, ship, trials = random_generator(rng), as_ship(ship), trial_list(trials)
+    start = deepcopy(rng)  # the random numbers of every forecast
     names = run_names("A score", names, len(trials))
     drawn_models, errors = thinned_draws(ship.models, draws), ship.index_error or {}
     estimates = [member.estimate for member in ship.members if len(member.draws)]
@@ -243,9 +252,23 @@ def score_indices(
             forecasts = forecast_rows(name, trial, manoeuvre, models, weight / weight.sum(), noise)
             beyond = 0.0 if ship.index_error is None else _greatest(extrapolation_distance(ship, trial, trial))
             growth = ship.growth_at(beyond)
-            forecasts = [row | {"beyond": beyond} for row in forecasts]
+            intervals = _intervals(ship, manoeuvre, trial, deepcopy(start))
+            forecasts = [row | {"beyond": beyond} | intervals.get(row["index"], _NO_INTERVAL) for row in forecasts]
             rows += [row | {"sd": index_sd(row, errors, growth)} for row in forecasts]
     return index_table(rows)
+
+
+def _intervals(
+    ship: Ship, manoeuvre: Manoeuvre, trial: xr.Dataset, rng: np.random.Generator
+) -> dict[str, dict[str, float]]:
+    """Intervals of the forecast of a recorded manoeuvre by index; none for a single draw, or with one feasible draw."""
+    if ship.draws < 2:
+        return {}
+    try:
+        bands = recorded_forecast(ship, manoeuvre, trial, rng=rng)["index_bands"].to_dataset()
+    except FitError:
+        return {}
+    return {str(name): {end: float(values.sel(band=end)) for end in _NO_INTERVAL} for name, values in bands.items()}
 
 
 def _greatest(distance: np.ndarray | None) -> float:
@@ -313,8 +336,8 @@ def _samples(trial: xr.Dataset, start: float | None, duration: float | None) -> 
     """Samples of a record between two times."""
     check_trial(trial, _MEASURED)
     time = trial["time"].values
-    begin = float(time[0]) if start is None else float(start)
-    end = float(time[-1]) if duration is None else begin + float(duration)
+    begin = float(time[0]) if start is None else number_or_nan(start)
+    end = float(time[-1]) if duration is None else begin + number_or_nan(duration)
     if not time[0] <= begin < end <= time[-1] + 1e-9:
         raise TrialError(
             f"A replay begins and ends inside the record, {time[0]:g} to {time[-1]:g} s, found {begin:g} to {end:g} s; "
@@ -335,12 +358,13 @@ def run_rows(scores: xr.Dataset) -> list[dict]:
 
 
 def index_errors(indices: xr.Dataset) -> list[dict]:
-    """Rows of :func:`pymc_ship.score_indices` with the error, and whether the 95 % interval covers it."""
+    """Rows of :func:`pymc_ship.score_indices` with the error, and whether the 95 % interval covers the measurement."""
     rows = []
     for row in index_rows(indices):
         error = row["forecast"] - row["measured"]
-        inside = ("yes" if abs(error) <= QUANTILES["95"] * row["sd"] else "no") if row["sd"] > 0.0 else ""
+        lower, upper = row.get("lower", np.nan), row.get("upper", np.nan)
+        inside = ("no", "yes")[lower <= row["measured"] <= upper] if np.isfinite([lower, upper]).all() else ""
         names = {"run": row["run"], "manoeuvre": row["manoeuvre"], "index": row["index"].replace("_", " ")}
         numbers = {key: row[key] for key in ("measured", "forecast", "sd")}
-        rows.append(names | numbers | {"error": error, "inside": inside})
+        rows.append(names | numbers | {"lower": lower, "upper": upper, "error": error, "inside": inside})
     return rows

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.machine.arguments import check_counts
+from pymc_ship.machine.arguments import check_counts, check_kind
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import fixed_point, heads, number, table
@@ -73,13 +73,15 @@ def write_score_page(
     """
     check_counts(draws=draws)
     ship, trials = as_ship(ship), named_trials(trials)
+    check_kind("scores", scores, xr.Dataset, "make them by ps.score")
+    check_kind("indices", indices, xr.Dataset, "make them by ps.score_indices")
     rows, runs = channel_rows(scores), run_rows(scores)
     n, percent = number(3), fixed_point(0)
     channels = heads(str, run="run", channel="channel") | heads(n, rmse="RMSE [SI]", relative="RMSE over motion")
     channels |= heads(percent, coverage="inside %") | heads(n, crps="CRPS [SI]")
     by_run = heads(str, run="run") | heads(percent, windows="windows", diverged="diverged") | heads(n, score="score")
     columns = heads(str, run="run", manoeuvre="manoeuvre", index="index")
-    columns |= heads(n, measured="measured", forecast="forecast", error="error", sd="± sd")
+    columns |= heads(n, measured="measured", forecast="forecast", error="error", lower="95 % from", upper="to")
     columns |= heads(str, inside="inside 95 %")
     index_error_rows, selected = index_errors(indices), list(trials)[:SHOWN]
     values = {
