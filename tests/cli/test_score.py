@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from pathlib import Path
 
 import pytest
 
@@ -38,6 +39,9 @@ def test_a_table_of_every_channel_and_a_score(record, tmp_path, capsys):
     ("words", "message"),
     [
         (["--length", "-3"], "windows of positive length and distance"),
+        (["--length", "0.1"], "one sampling interval of 0.5 s or more, found length = 0.1 s and every = 0.1 s"),
+        (["--every", "1e-9"], "and every = 1e-09 s"),
+        (["--length", "nan"], "found length = nan s"),
         (["--length", "1e5"], "A score needs a record of"),
         (["--draws", "0"], "draws must be a whole number from 1 up"),
     ],
@@ -47,6 +51,32 @@ def test_what_cannot_be_scored_is_one_sentence(record, capsys, words, message):
     error = capsys.readouterr().err
     assert message in error
     assert error.strip().count("\n") == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--duration", "1e9"], "The duration has at most 1e+08 steps"),
+        (["--duration", "1e308"], "The duration has at most 1e+08 steps"),
+        (["--step", "1e-9"], "The duration has at most 1e+08 steps"),
+    ],
+)
+def test_a_simulation_of_too_many_steps_is_refused(tmp_path, capsys, words, message):
+    out = str(tmp_path / "t.csv")
+    assert main(["simulate", "kvlcc2", "--turn", "35", "--duration", "60", "--quiet", "--out", out, *words]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.strip().count("\n") == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [(["--sea-room", "-1"], "sea_room"), (["--sea-room", "nan"], "sea_room"), (["--n", "1000000"], "n of")],
+)
+def test_impossible_numbers_of_a_design_are_refused(tmp_path, capsys, words, name):
+    saved = Path(__file__).parents[1] / "data" / "ships" / "format_4"
+    assert main(["design", str(saved), "--quiet", "--out", str(tmp_path / "out"), *words]) == 2
+    assert name in capsys.readouterr().err
 
 
 def test_wind_and_current_are_a_speed_and_a_direction():

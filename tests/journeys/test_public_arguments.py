@@ -315,3 +315,93 @@ def test_one_name_is_no_list_of_its_letters(trial, data):
     ):
         with refused(ValueError, "list"):
             use()
+
+
+# paths, numbers and functions -----------------------------------------------------------------------------------------
+
+PATHS = [
+    (name, argument)
+    for name, argument in (
+        *(
+            (name, "path")
+            for name in ("read_trial", "write_trial", "read_posterior", "write_posterior", "read_captive")
+        ),
+        *((name, "out") for name in ("load_ship", "study")),
+        ("montecarlo", "study"),
+    )
+]
+KINDS = {"None": None, "number": 3, "table": pd.DataFrame({"u": [1.0]}), "list": ["t.csv"], "trial": xr.Dataset()}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("name", "argument"), PATHS)
+def test_what_is_no_path_is_refused_with_its_name(name, argument, kind, trial, data):
+    tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
+    rest = {"vessel": "kvlcc2", "ship": "kvlcc2", "trial": trial, "tree": tree, "trees": {"a": tree}, "command": ""}
+    with refused(ps.ShipError, argument):
+        called(name, **rest | {argument: KINDS[kind]})
+
+
+NUMBERS = [
+    *(("simulate", name) for name in ("duration", "step", "wind", "current")),
+    ("direct_spiral", "hold"),
+    ("pollute", "level"),
+    ("regression_data", "interval"),
+    ("coefficient_prior", "relative_sd"),
+    ("stopping", "astern"),
+    ("design", "sea_room"),
+    *(("replay", name) for name in ("start", "duration")),
+    *(("score", name) for name in ("length", "every")),
+]
+
+
+@pytest.mark.parametrize("bad", ["text", [1.0], {"a": 1}, pd.DataFrame({"a": [1.0, 2.0]}), xr.Dataset()], ids=repr)
+@pytest.mark.parametrize(("name", "number"), NUMBERS)
+def test_what_is_no_number_is_refused_with_a_sentence(name, number, bad, trial):
+    rest = {"vessel": "kvlcc2", "ship": "kvlcc2", "trial": trial, "trials": [trial], "manoeuvre": ps.zigzag(20, 20)}
+    if name == "stopping":
+        rest["ship"] = ps.with_terms("kvlcc2", "modular at any speed")
+    with refused(ps.ShipError):
+        called(name, **{"duration": 100.0, "rng": 1, "dof": "yaw"} | rest | {number: bad})
+
+
+@pytest.mark.parametrize(
+    ("name", "argument", "kind"),
+    [
+        ("register_channel", "channel", "Channel"),
+        ("register_part", "part", "Part"),
+        ("register_manoeuvre", "kind", "ManoeuvreKind"),
+        ("register_family", "prior_class", "class"),
+        ("corrected_trial", "checks", "Check"),
+        ("trial_checks", "lag", "VelocityLag"),
+        ("write_forecast_page", "forecasts", "forecasts"),
+        ("write_ship_report", "result", "ShipIdentification"),
+        ("trial_report", "result", "SeaTrial"),
+        ("agreement", "exact", "exact"),
+        ("hierarchical_posterior", "groups", "group"),
+        ("horseshoe", "given", "given"),
+        *((name, "progress", "progress") for name in ("identify", "identify_ship", "design", "sea_trial", "study")),
+    ],
+)
+@pytest.mark.parametrize("bad", [3, "text", xr.Dataset()], ids=["number", "text", "trial"])
+def test_what_is_of_another_kind_is_refused_with_its_kind(name, argument, kind, bad, trial, data, tmp_path):
+    prior = ps.SemiConjugatePrior()
+    rest = {"vessel": "kvlcc2", "ship": "kvlcc2", "trial": trial, "trials": [trial], "rng": 1, "out": tmp_path / "out"}
+    rest |= {"data": data, "prior": prior, "checks": [], "forecasts": {}, "command": "", "seed": 1}
+    rest |= {"posteriors": {"a": ps.exact_posterior(data, prior, draws=40, rng=1)}}
+    rest |= {"trials": {"a": trial}} if name == "write_ship_report" else {}
+    with refused(ps.ShipError, kind):
+        called(name, **rest | {argument: bad})
+    assert not (tmp_path / "out").exists()
+
+
+def test_swapped_arguments_are_refused_with_a_sentence(trial):
+    for use in (
+        lambda: ps.corrected_trial(trial, ps.load_vessel("kvlcc2")),
+        lambda: ps.simulate(ps.zigzag(20, 20), "kvlcc2", duration=100.0),
+        lambda: ps.trial_checks(ps.load_vessel("kvlcc2"), trial),
+        lambda: ps.corrected_trial(trial, (), "rudder sign"),
+        lambda: ps.corrected_trial(trial, (), 3),
+    ):
+        with refused(ps.ShipError):
+            use()

@@ -19,6 +19,7 @@ from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.inference.sampling.error_laws import errors_of
 from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.errors import ShipError
 
 PROBABILITIES = (0.05, 0.5, 0.95)  # probabilities of the quantiles compared
 _SAMPLE = ("chain", "draw")
@@ -74,6 +75,8 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     >>> table["agrees"].sel({"method": "gibbs"}).item()
     True
     """
+    if not (hasattr(exact, "mean") and hasattr(exact, "sd")):
+        raise ShipError(f"exact must have mean and sd, found {short_repr(type(exact))}; take prior.exact(data).")
     names = _coefficient_names(exact, posteriors)
     has_noise = all("noise_variance" in tree["posterior"].dataset for tree in posteriors.values())
     exact_values = _exact_values(exact, [*names, *(["noise_variance"] if has_noise else [])])
@@ -87,7 +90,7 @@ def check_trees(what: str, trees: Mapping[str, xr.DataTree]) -> None:
     by_name = isinstance(trees, Mapping) and not isinstance(trees, xr.DataTree)
     if not by_name or not trees or not all(isinstance(tree, xr.DataTree) for tree in trees.values()):
         found = "none" if by_name and not trees else short_repr(trees)
-        raise ValueError(f"{what} needs at least one posterior, found {found}; give trees by name.")
+        raise ShipError(f"{what} needs at least one posterior, found {found}; give trees by name.")
 
 
 def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> list[str]:
@@ -98,13 +101,13 @@ def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTr
     names = list(getattr(exact, "coefficients", next(iter(names_by_method.values()))))
     for method, coefficients in names_by_method.items():
         if errors_of(posteriors[method]) != "normal":
-            raise ValueError(
+            raise ShipError(
                 "An agreement compares with the exact posterior, which is of normal errors, found "
                 f"{errors_of(posteriors[method])} errors in "
                 f"{method!r}; leave it out."
             )
         if coefficients != names or len(coefficients) != len(exact.mean):
-            raise ValueError(
+            raise ShipError(
                 f"All posteriors must hold the {len(exact.mean)} coefficients of the exact one in its order, found "
                 f"{', '.join(coefficients)} in {method!r}; compare posteriors of the same data."
             )

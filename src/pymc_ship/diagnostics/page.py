@@ -16,7 +16,7 @@ from pymc_ship.diagnostics.subsections import PosteriorKind, determination_count
 from pymc_ship.diagnostics.trajectory import METHODS
 from pymc_ship.diagnostics.trajectory_subsections import TRAJECTORIES
 from pymc_ship.inference.regression.calibration import LEVEL
-from pymc_ship.machine.arguments import check_counts
+from pymc_ship.machine.arguments import check_callables, check_counts
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
@@ -90,6 +90,7 @@ def diagnostic_report(
     OutputError
         When the folder cannot be written.
     """
+    check_callables(progress=progress)
     check_counts(least=0, seed=seed)
     ship = None if vessel is None else as_vessel(vessel)
     check_posteriors(trees, ship)

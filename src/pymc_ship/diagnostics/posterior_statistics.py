@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
+from pymc_ship.machine.errors import ShipError
 
 if TYPE_CHECKING:
     from arviz_stats.utils import ELPDData
@@ -37,14 +38,14 @@ def check_draws(tree: xr.DataTree, name: str, required: Mapping[str, tuple], att
     lacking = [key for key, dims in required.items() if key not in draws or draws[key].dims != dims]
     lacking += [f"attrs[{key!r}]" for key in attrs if key not in tree.attrs]
     if lacking:
-        raise ValueError(
+        raise ShipError(
             f"{name} is no posterior of this package, it lacks {', '.join(lacking)}; give one that a posterior "
             "function or `pymc-ship identify` made."
         )
     broken = [key for key in required if draws[key].size == 0 or not np.isfinite(draws[key].values).all()]
     if broken or draws.sizes["draw"] < 4:
         what = f"infinity, NaN or nothing in {broken[0]}" if broken else f"{draws.sizes['draw']} draws a chain"
-        raise ValueError(f"A posterior to diagnose holds four finite draws a chain or more, found {what} in {name}.")
+        raise ShipError(f"A posterior to diagnose holds four finite draws a chain or more, found {what} in {name}.")
 
 
 def has(tree: xr.DataTree, path: str) -> bool:
@@ -182,7 +183,7 @@ def whiteness(values: np.ndarray) -> dict[str, float]:
 
     n = len(values)
     if n < 10:
-        raise ValueError(f"A test of whiteness needs ten values or more, found {n}; use a longer trial.")
+        raise ShipError(f"A test of whiteness needs ten values or more, found {n}; use a longer trial.")
     lags = min(10, n // 5)
     r = autocorrelation(values, lags)
     statistic = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))

@@ -16,6 +16,7 @@ from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import OWN, errors_of, known_errors_of, log_likelihood_group
 from pymc_ship.inference.sampling.predictive import predictive, prior_draws
+from pymc_ship.machine.errors import ShipError
 
 if TYPE_CHECKING:
     from arviz_stats.utils import ELPDData
@@ -33,7 +34,7 @@ def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
         prior_of(tree)
         json.loads(tree.attrs["scaling"])["response_scale"]
     except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{name} is no posterior of this package, its prior or scaling is broken: {error}.") from None
+        raise ShipError(f"{name} is no posterior of this package, its prior or scaling is broken: {error}.") from None
 
 
 def fixed_of(tree: xr.DataTree) -> dict[str, float]:

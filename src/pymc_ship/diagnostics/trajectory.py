@@ -12,6 +12,7 @@ from pymc_ship.diagnostics.posterior_statistics import SD_LIMIT, check_draws, wh
 from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import whiten
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.physics.vessel.vessel import LETTER
 from pymc_ship.trial.channels import CHANNELS
 
@@ -38,7 +39,7 @@ def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
     except (ValueError, KeyError, TypeError):
         complete = False
     if not complete:
-        raise ValueError(
+        raise ShipError(
             f"{name} is no posterior of this package: its prior is to give family, factors, and mean and scale of "
             "every coefficient; give one that `pymc-ship fit` made."
         )

@@ -14,7 +14,7 @@ from pymc_ship.experiments.methods import import_function, import_path
 from pymc_ship.experiments.store import Store, locked_store
 from pymc_ship.experiments.study import Study, StudyKind
 from pymc_ship.experiments.task import Method
-from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.arguments import as_path, check_callables, check_kind, short_repr
 from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, progress_bar, run_tasks
@@ -85,11 +85,14 @@ def reported_montecarlo(
     work: Callable[[Any], dict] | None = None,
 ) -> tuple[list[dict], Path]:
     """Main table and page of :func:`montecarlo`; ``work`` replaces the study's own work on a task."""
-    if scheduler and workers:
+    check_callables(progress=progress)
+    if scheduler is not None and workers is not None:
         raise StudyError("The workers of a cluster are started beside its scheduler, found --workers; leave it out.")
+    if methods is not None:
+        check_kind("methods", methods, Mapping, "give a dict of functions by name", StudyError)
     settings = read_study(study, methods)
     error = StudyError
-    executor = Cluster(scheduler, error=error) if scheduler else LocalCores(workers, error=error)
+    executor = Cluster(scheduler, error=error) if scheduler is not None else LocalCores(workers, error=error)
     with locked_store(out, settings) as store:
         if store.missing():
             with executor:
@@ -104,7 +107,8 @@ def read_study(study: str | Path | Mapping, methods: Mapping[str, Method] | None
     if isinstance(study, Mapping):
         file = Entry(study, "The study", StudyError)
     else:
-        file, folder = toml_file(study, "The study", StudyError), Path(study).parent
+        study = as_path("study", study, StudyError)
+        file, folder = toml_file(study, "The study", StudyError), study.parent
     file.check_table()
     if "study" not in file:
         return grid_of(file, folder, methods or {})

@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from filelock import lock_descriptor
 
 from pymc_ship.experiments.study import Study
-from pymc_ship.machine.errors import OutputError, StudyError
+from pymc_ship.machine.errors import OutputError, ShipError, StudyError
 from pymc_ship.machine.files import staged_path, writable_folder
 
 _BEGIN, _TIMED = ("seed", "status", "sentence"), ("cpu", "session", "executor", "workers", "wall", "parent")
@@ -126,7 +126,7 @@ class Store:
         with _whole(path), pq.ParquetFile(path) as file:
             table = file.read()
             if not table.schema.equals(self._schema) or table.schema.metadata[_SUM] != _checksum(table, part):
-                raise ValueError("its checksum does not fit")
+                raise ShipError("its checksum does not fit")
             return table.replace_schema_metadata()
 
     def _lines(self, path: Path) -> list[dict]:
@@ -140,7 +140,7 @@ class Store:
         try:
             table = pa.Table.from_pylist([json.loads(line) for line in data[:whole].splitlines()], self._schema)
             if any(column.null_count for column in table.columns):
-                raise ValueError("a line lacks a column")
+                raise ShipError("a line lacks a column")
             return table.to_pylist()
         except (ValueError, TypeError, AttributeError, RecursionError, pa.ArrowException):
             raise StudyError(f"The journal {path} is damaged; delete it, its tasks will be done again.") from None

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
+from pathlib import Path
 from reprlib import Repr
 from typing import Any
 
 import numpy as np
 
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.machine.names import did_you_mean
 
 _SHORT = Repr(maxlevel=3, maxstring=60, maxlong=60, maxother=60)
@@ -28,19 +30,26 @@ def short_repr(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]} ..."
 
 
-def check_kind(what: str, value: object, kind: type, remedy: str, error: type[ValueError] = ValueError) -> None:
+def check_kind(what: str, value: object, kind: type, remedy: str, error: type[ValueError] = ShipError) -> None:
     """Raise ``error``, with ``what`` as the subject of its sentence, unless a value is of a kind."""
     if not isinstance(value, kind):
         raise error(f"{what} must be a {kind.__name__}, found {short_repr(type(value))}; {remedy}.")
 
 
-def check_choice(what: str, value: object, choices: Iterable[str], error: type[ValueError] = ValueError) -> None:
+def check_choice(what: str, value: object, choices: Iterable[str], error: type[ValueError] = ShipError) -> None:
     """Raise ``error``, with ``what`` as the subject of its sentence, unless a value is one of the choices."""
     known = tuple(choices)
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         names = ", ".join(choice if choice[:1].isalnum() else repr(choice) for choice in known)
         hint = did_you_mean(value, known)
         raise error(f"{what} is one of {names}; found {short_repr(value)}{hint}; choose one of them.")
+
+
+def as_path(name: str, path: object, error: type[ValueError] = ShipError) -> Path:
+    """Path of a text or a Path; ``error``, which names it, for anything else."""
+    if not isinstance(path, str | Path):
+        raise error(f"{name} must be a path, a str or a Path, found {short_repr(type(path))}; give one.")
+    return Path(path)
 
 
 def number_or_nan(value: Any) -> float:
@@ -51,7 +60,7 @@ def number_or_nan(value: Any) -> float:
     return math.nan
 
 
-def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:
+def finite_number(what: str, value: Any, error: type[ValueError] = ShipError, *, least: float = -math.inf) -> float:
     """Value as a float; ``error`` for a bool, a text, NaN, infinity or a value below ``least``."""
     number = number_or_nan(value)
     if not (math.isfinite(number) and number >= least):
@@ -60,28 +69,35 @@ def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *
     return number
 
 
-def check_counts(error: type[ValueError] = ValueError, *, least: int = 1, **counts: Any) -> None:
+def check_counts(error: type[ValueError] = ShipError, *, least: int = 1, **counts: Any) -> None:
     """Raise ``error``, which names it, for a count that is no whole number, or below ``least``."""
     for name, value in counts.items():
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
             raise error(f"{name} must be a whole number from {least} up, found {short_repr(value)}; correct it.")
 
 
-def check_flags(error: type[ValueError] = ValueError, **flags: Any) -> None:
+def check_flags(error: type[ValueError] = ShipError, **flags: Any) -> None:
     """Raise ``error``, which names it, for a flag that is neither True nor False, such as the text "no"."""
     for name, value in flags.items():
         if not isinstance(value, bool | np.bool_):
             raise error(f"{name} is True or False, found {short_repr(value)}; choose one of them.")
 
 
+def check_callables(**functions: Callable[..., Any]) -> None:
+    """Raise a ShipError, which names it, for an argument that is no function."""
+    for name, value in functions.items():
+        if not callable(value):
+            raise ShipError(f"{name} must be a function, found {short_repr(type(value))}; give one.")
+
+
 def check_probabilities(**probabilities: Any) -> None:
-    """Raise a ValueError, which names it, for a probability that does not lie between 0 and 1."""
+    """Raise a ShipError, which names it, for a probability that does not lie between 0 and 1."""
     for name, value in probabilities.items():
         if not 0.0 < finite_number(name, value) < 1.0:
-            raise ValueError(f"{name} must lie between 0 and 1, found {value}; correct it.")
+            raise ShipError(f"{name} must lie between 0 and 1, found {value}; correct it.")
 
 
-def real_array(what: str, values: Any, error: type[ValueError] = ValueError) -> np.ndarray:
+def real_array(what: str, values: Any, error: type[ValueError] = ShipError) -> np.ndarray:
     """Values as a new array of floats, with their NaN; ``error`` for masked, missing or complex values, texts, dates.
 
     Every array from outside enters here: NumPy alone takes the fill value of a masked one, 9.97e36 in netCDF4.
@@ -99,7 +115,7 @@ def real_array(what: str, values: Any, error: type[ValueError] = ValueError) -> 
     return np.array(array, dtype=float, order="C")
 
 
-def probability_array(values: Any, error: type[ValueError] = ValueError) -> np.ndarray:
+def probability_array(values: Any, error: type[ValueError] = ShipError) -> np.ndarray:
     """Probabilities from 0 to 1 as a new array, shape (n,), of one number also; ``error`` for any other."""
     probabilities = np.atleast_1d(real_array("Probabilities", values, error))
     wrong = probabilities[~((probabilities >= 0.0) & (probabilities <= 1.0))]
@@ -108,7 +124,7 @@ def probability_array(values: Any, error: type[ValueError] = ValueError) -> np.n
     return probabilities
 
 
-def label_array(what: str, values: Any, error: type[ValueError] = ValueError) -> np.ndarray:
+def label_array(what: str, values: Any, error: type[ValueError] = ShipError) -> np.ndarray:
     """Values as a new array of texts; ``error`` for masked or missing ones, of which NumPy makes names."""
     _check_unmasked(f"{what} must be labels", values, error)
     objects = np.array(values, dtype=object)
@@ -118,7 +134,7 @@ def label_array(what: str, values: Any, error: type[ValueError] = ValueError) ->
     return objects.astype(str)
 
 
-def name_list(what: str, names: Any, error: type[ValueError] = ValueError) -> tuple[str, ...]:
+def name_list(what: str, names: Any, error: type[ValueError] = ShipError) -> tuple[str, ...]:
     """Names as texts; ``error`` for one text, which is no list of its letters, and for names that do not differ."""
     if isinstance(names, str | bytes) or not isinstance(names, Iterable):
         raise error(f"{what} must be a list of names, found {short_repr(names)}; put one name into a list.")

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from filelock import lock_descriptor
 
+from pymc_ship.machine.arguments import as_path
 from pymc_ship.machine.errors import OutputError
 from pymc_ship.machine.text import SPECIAL_FILES
 
@@ -95,7 +96,7 @@ def final_path(path: str | Path) -> Path:
 
 def writable_folder(path: str | Path) -> Path:
     """Create a folder if it is missing; OutputError if it cannot be written."""
-    path = Path(path)
+    path = as_path("out", path, OutputError)
     with _output_errors(path):
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):

@@ -7,6 +7,7 @@ from hashlib import sha256
 import numpy as np
 
 from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.errors import ShipError
 
 Seed = int | np.random.SeedSequence | np.random.Generator  # what public functions take as ``rng``
 
@@ -23,7 +24,7 @@ def random_generator(rng: Seed) -> np.random.Generator:
         return rng
     number = isinstance(rng, int | np.integer) and not isinstance(rng, bool) and rng >= 0
     if not number and not isinstance(rng, np.random.SeedSequence):
-        raise ValueError(
+        raise ShipError(
             f"Random draws need a seed: rng is a whole number from 0 up, a SeedSequence or a Generator of numpy, found "
             f"{short_repr(rng)}; give one such as rng=1."
         )

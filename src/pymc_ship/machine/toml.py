@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
-from pymc_ship.machine.arguments import check_choice, finite_number, short_repr
+from pymc_ship.machine.arguments import as_path, check_choice, finite_number, short_repr
 from pymc_ship.machine.names import did_you_mean
 from pymc_ship.machine.text import TextError, file_text
 
@@ -90,7 +90,9 @@ class Entry:
 
 def toml_table(source: str | Path | Mapping[str, Any], what: str, error: type[ValueError]) -> Entry:
     """Entry of a mapping or of a TOML file; ``what`` names it in errors."""
-    return Entry(source, what, error) if isinstance(source, Mapping) else toml_file(source, f"{what} file", error)
+    if isinstance(source, Mapping):
+        return Entry(source, what, error)
+    return toml_file(as_path(f"{what} file", source, error), f"{what} file", error)
 
 
 def toml_file(path: str | Path, what: str, error: type[ValueError]) -> Entry:

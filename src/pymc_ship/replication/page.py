@@ -14,7 +14,7 @@ from pymc_ship.diagnostics.page import diagnostic_content
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.tree import CITATIONS, write_posterior
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
-from pymc_ship.machine.arguments import check_counts
+from pymc_ship.machine.arguments import check_callables, check_counts
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, render_page, write_page
@@ -84,6 +84,7 @@ def reported_study(
     out: str | Path, *, vessel: VesselLike, level: float, seed: int, progress: Callable[[str], None]
 ) -> tuple[StudyResult, Path]:
     """Result and page of :func:`study`."""
+    check_callables(progress=progress)
     check_counts(least=0, seed=seed)
     ship, level = as_vessel(vessel), noise_sd(level)  # before the folder is made
     out = writable_folder(out)

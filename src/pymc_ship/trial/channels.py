@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from pymc_ship.machine.arguments import check_kind
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.trial.units import (
@@ -199,8 +200,9 @@ def register_channel(channel: Channel) -> None:
     Raises
     ------
     TrialError
-        When its name is taken.
+        For anything else, and when its name is taken.
     """
+    check_kind("A channel", channel, Channel, "make one by ps.Channel", TrialError)
     if channel.name in file_columns():
         raise TrialError(
             f"The name of a channel must be new, found {channel.name!r} among {', '.join(file_columns())}; rename it."

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.arguments import name_list, short_repr
+from pymc_ship.machine.arguments import as_path, name_list, short_repr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.files import staged_path
 from pymc_ship.trial.channels import CHANNELS, TIME
@@ -71,6 +71,12 @@ def named_trials(trials: object) -> dict[str, xr.Dataset]:
         raise TrialError(f"Trials must be a dict of Datasets by name, found {_kind(trials)}; give each trial a name.")
     names = name_list("The names of trials", trials, TrialError)
     return {name: as_trial(trial) for name, trial in zip(names, trials.values(), strict=True)}
+
+
+def numbered_trials(trials: object) -> dict[str, xr.Dataset]:
+    """Trials of a mapping by name, those of a list by number from 1; TrialError as of the two."""
+    by_name = isinstance(trials, Mapping) and not isinstance(trials, xr.Dataset)
+    return named_trials(trials) if by_name else {str(k): trial for k, trial in enumerate(trial_list(trials), start=1)}
 
 
 def run_names(what: str, names: Iterable[str] | None, n_trials: int) -> tuple[str, ...]:
@@ -189,7 +195,7 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     >>> ps.read_trial(path)["psi"].equals(trial["psi"])
     True
     """
-    path, trial = Path(path), check_trial(trial, (), uniform=False)
+    path, trial = as_path("path", path, TrialError), check_trial(trial, (), uniform=False)
     names = [name for name in CHANNELS if name in trial]
     if not names:
         raise TrialError("A record to be written needs channels such as u, v and r, found none; add them.")

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.captive.plausibility import check_captive_tests
+from pymc_ship.machine.arguments import as_path
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import toml_table
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -75,7 +76,7 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     >>> print(f"{tests['v'].values[1]:.2f} m/s", tests["Y"].values)
     -1.11 m/s [0.0005 0.003 ]
     """
-    vessel, path, layout = as_vessel(vessel), Path(path), load_format(format)
+    vessel, path, layout = as_vessel(vessel), as_path("path", path, TrialError), load_format(format)
     unused = [key for key, value in vars(layout).items() if value != getattr(TrialFormat(), key) and key not in _KEYS]
     if unused:
         raise TrialError(f"A format of captive tests has no {unused[0]}; leave it out, and name columns in the header.")

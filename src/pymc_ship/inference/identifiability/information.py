@@ -7,6 +7,7 @@ columns of the initial states and sensor offsets are projected out (Schur comple
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -14,10 +15,11 @@ import xarray as xr
 from pymc_ship.inference.trajectory.fit import Noise, run_rows, white_noise
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
-from pymc_ship.machine.arguments import check_kind
+from pymc_ship.machine.arguments import check_kind, real_array
 from pymc_ship.machine.errors import FitError, InferenceError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
+from pymc_ship.trial.record import as_trial
 
 UNKNOWN = 0.5  # posterior over prior variance above which a direction counts as unidentified
 _SMALLEST = 1e-12
@@ -117,12 +119,15 @@ def runs_root(
     initial_states: Sequence[np.ndarray] | None,
 ) -> np.ndarray:
     """Factor R of the Fisher information R' R of all runs, nuisance parameters eliminated."""
-    sequence = [runs] if isinstance(runs, xr.Dataset | Run) else runs
+    sequence: Sequence[Any] = runs if isinstance(runs, list | tuple) else [runs]
+    sequence = [run if isinstance(run, Run) else as_trial(run) for run in sequence]
     prepared = [run if isinstance(run, Run) else trajectory_run(run, vessel, noise_sd=noise_sd) for run in sequence]
-    noise = [white_noise(run) for run in prepared] if noise is None else list(noise)
-    states = [run.initial_state[0] for run in prepared] if initial_states is None else list(initial_states)
+    noise = [white_noise(run) for run in prepared] if noise is None else noise
+    check_kind("noise", noise, Sequence, "give a list, one for each run", FitError)
+    states = [run.initial_state[0] for run in prepared] if initial_states is None else initial_states
+    check_kind("initial_states", states, Sequence, "give a list, one for each run", FitError)
     reference = reference_coefficients(vessel)
-    theta = reference if coefficients is None else np.array(coefficients, dtype=float)
+    theta = reference if coefficients is None else real_array("Coefficients", coefficients, FitError)
     if not prepared or not len(noise) == len(states) == len(prepared) or theta.shape != reference.shape:
         raise FitError(
             f"An information needs at least one run, a noise and an initial state of each, and {reference.size} "

@@ -13,7 +13,7 @@ from scipy import special
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.machine.arguments import check_counts
+from pymc_ship.machine.arguments import check_callables, check_counts
 from pymc_ship.machine.seeds import Seed, random_generator
 
 LEVEL = 1e-3  # probability that any comparison of a table exceeds its limit under a correct sampler
@@ -57,6 +57,7 @@ def simulation_based_calibration(
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), doi:10.1214/23-BA1404.
     """
     check_counts(simulations=simulations, draws=draws)
+    check_callables(sample=sample)
     rng = random_generator(rng)
     check_prior(prior, data)
     ranks = np.empty((simulations, data.n_terms + 2), dtype=int)

@@ -7,7 +7,7 @@ from inspect import isabstract
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, check_kind
 from pymc_ship.machine.errors import InferenceError
 
 FAMILIES: dict[str, type[Prior]] = {prior.family: prior for prior in (ConjugatePrior, SemiConjugatePrior)}
@@ -19,6 +19,7 @@ def register_family(prior_class: type[Prior]) -> type[Prior]:
 
     InferenceError for a class without a name of its own, ``noise_power``, ``box`` and ``exact``.
     """
+    check_kind("A prior family", prior_class, type, "give the class", InferenceError)
     lacking = [name for name in ("noise_power", "box") if not hasattr(prior_class, name)]
     lacking += ["exact"] if isabstract(prior_class) else []
     if lacking:

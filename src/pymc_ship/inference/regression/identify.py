@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +14,8 @@ from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.regression.tune import TunedPrior, maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data
-from pymc_ship.machine.arguments import check_choice, check_counts, name_list
-from pymc_ship.machine.errors import InferenceError
+from pymc_ship.machine.arguments import check_callables, check_choice, check_counts, name_list
+from pymc_ship.machine.errors import InferenceError, ShipError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.trial.record import as_trial
@@ -113,11 +113,12 @@ def identify(
     Ygsincos|delta| = 0.01065, sd 0.00392
     Ngsincos|delta| = -0.00088, sd 0.00027
     """
+    check_callables(progress=progress)
     rng = None if rng is None else random_generator(rng)
     vessel, trial = as_vessel(vessel), as_trial(trial)
     check_choice("The selection of hyperparameters", selection, SELECTIONS)
     if selection == "bayesian_optimisation" and rng is None:
-        raise ValueError("The selection by bayesian_optimisation needs a generator, found none; give rng.")
+        raise ShipError("The selection by bayesian_optimisation needs a generator, found none; give rng.")
     families = name_list("The families", families)
     data = {dof: regression_data(trial, vessel, dof, interval=interval, derivative=derivative) for dof in vessel.dofs}
     priors: dict[str, dict[str, Prior]] = {family: {} for family in families}
@@ -144,7 +145,7 @@ def regression_draws(
     The other arguments are those of :func:`pymc_ship.regression_data`. InferenceError without draws.
     """
     vessel = as_vessel(vessel)
-    if "draw" not in drawn.dims:
+    if "draw" not in as_trial(drawn).dims:
         raise InferenceError("Regression draws need a trial with the dimension draw, found none; use denoise_draws.")
     runs = (drawn.isel(draw=k, drop=True) for k in range(drawn.sizes["draw"]))
     return [regression_data(run, vessel, dof, interval=interval, derivative=derivative) for run in runs]
@@ -175,7 +176,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
         For fewer than two draws, rows of different coefficients, or no prior.
     """
     check_counts(InferenceError, draws=draws)
-    rng, rows = random_generator(rng), list(rows)
+    rng, rows = random_generator(rng), list(rows) if isinstance(rows, Iterable) else [rows]
     for data in rows:
         check_prior(prior, data)
     names = {data.coefficients for data in rows}

@@ -13,9 +13,9 @@ import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.machine.arguments import check_counts, check_kind, short_repr
+from pymc_ship.machine.arguments import as_path, check_counts, check_kind, short_repr
 from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_valid_checksum
-from pymc_ship.machine.errors import InferenceError
+from pymc_ship.machine.errors import InferenceError, ShipError
 from pymc_ship.machine.files import settle, staged_path
 from pymc_ship.machine.seeds import Seed, random_generator
 
@@ -114,7 +114,7 @@ def exact_posterior(
     """
     check_counts(draws=draws, chains=chains)
     if draws % chains:
-        raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
+        raise ShipError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
     rng = random_generator(rng)
     check_prior(prior, data)
     exact, state = prior.exact(data), rng_state(rng)
@@ -182,9 +182,9 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
         For another ending of the path, or contents that such files do not have, such as a stacked dim; for a folder
         that cannot be written.
     """
-    path = Path(path)
+    path = as_path("path", path)
     if path.suffix not in FILES:
-        raise ValueError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
+        raise ShipError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
     check_kind("A posterior", tree, xr.DataTree, "give the whole tree")
     _check_contents(tree)
     with staged_path(path) as partial:
@@ -194,7 +194,7 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
             else:
                 tree.to_zarr(partial, consolidated=False)
         except (NotImplementedError, TypeError, ValueError, OverflowError, AttributeError) as error:
-            raise ValueError(f"A posterior has contents that files keep, found: {error}; convert them.") from None
+            raise ShipError(f"A posterior has contents that files keep, found: {error}; convert them.") from None
         except RuntimeError as error:  # of a disk that is full, among others
             raise OSError(None, f"{error}, the disk may be full") from None
         if path.suffix == ".nc":
@@ -212,13 +212,13 @@ def _check_contents(tree: xr.DataTree) -> None:
         group = node.to_dataset()
         for name, index in group.indexes.items():
             if index.nlevels > 1:
-                raise ValueError(
+                raise ShipError(
                     f"A posterior is written without stacked dims, found {name} in {node.path}; unstack it before."
                 )
         for of, attrs in {node.path: group.attrs, **{name: one.attrs for name, one in group.variables.items()}}.items():
             for key, value in attrs.items():
                 if not isinstance(key, str) or not _is_writable(value):
-                    raise ValueError(
+                    raise ShipError(
                         f"Attrs of a posterior are texts, numbers or lists of them, found {short_repr(value)} in "
                         f"{key!r} of {of}; convert it, such as by json.dumps, or leave it out."
                     )
@@ -227,7 +227,7 @@ def _check_contents(tree: xr.DataTree) -> None:
             missing = any(item is None or (isinstance(item, float) and item != item) for item in items)
             if missing or variable.dtype.kind not in "biufUSMmO":
                 found = "None or NaN among texts" if missing else f"the type {variable.dtype}"
-                raise ValueError(
+                raise ShipError(
                     f"A posterior has real numbers and texts, found {found} in {name} of {node.path}; convert it."
                 )
 
@@ -247,22 +247,22 @@ def read_posterior(path: str | Path) -> xr.DataTree:
 
     ValueError if there is none.
     """
-    path = Path(path)
+    path = as_path("path", path)
     settle(path.parent)
     if not path.exists():
-        raise ValueError(f"A posterior is read from a .nc or .zarr path, found nothing at {path}; check the path.")
+        raise ShipError(f"A posterior is read from a .nc or .zarr path, found nothing at {path}; check the path.")
     zarr = path.suffix == ".zarr"
     try:
         if not (_zarr_is_whole(path) if zarr else has_valid_checksum(path)):
-            raise ValueError("its checksum does not fit; copy or make it again")
+            raise ShipError("its checksum does not fit; copy or make it again")
         options: dict[str, Any] = {"engine": "zarr", "consolidated": False} if zarr else {"engine": "netcdf4"}
         with xr.open_datatree(path, **options) as stored:
             tree = stored.load()
     except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path} is no posterior written by this package: {error}.") from None
+        raise ShipError(f"{path} is no posterior written by this package: {error}.") from None
     tree.attrs.pop(_SUM, None)
     if "posterior" not in tree.children:
-        raise ValueError(f"{path} is no posterior written by this package: it has no group posterior.")
+        raise ShipError(f"{path} is no posterior written by this package: it has no group posterior.")
     return tree
 
 

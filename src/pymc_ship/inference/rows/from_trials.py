@@ -9,7 +9,7 @@ import xarray as xr
 
 from pymc_ship.inference.rows.data import ROUNDING, RegressionData
 from pymc_ship.inference.rows.weak_form import radius_samples, row_stride, weak_form
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, number_or_nan, short_repr
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.physics.forces.prime_system import to_prime
 from pymc_ship.physics.forces.terms import evaluate
@@ -18,7 +18,7 @@ from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 from pymc_ship.records.files.quality_flags import quality_flags
-from pymc_ship.trial.record import named_trials, sampling_interval, trial_list
+from pymc_ship.trial.record import numbered_trials, sampling_interval
 
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
 """Samples at the beginning and end of a record without a difference."""
@@ -111,8 +111,7 @@ def regression_data(
 
 def _by_run(trials: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
     """Trials by the label of their run."""
-    several = isinstance(trials, Mapping) and not isinstance(trials, xr.Dataset)
-    by_run = named_trials(trials) if several else {str(k): trial for k, trial in enumerate(trial_list(trials), 1)}
+    by_run = numbered_trials(trials)
     if not by_run:
         raise InferenceError("Rows come from one trial or several, found none; give them.")
     return by_run
@@ -152,10 +151,11 @@ def _stride(step: float, interval: float | None) -> int | None:
     """Samples from one row to the next; None for the default."""
     if interval is None:
         return None
-    ratio = interval / step
+    ratio = number_or_nan(interval) / step
     stride = round(ratio) if 0.0 < ratio < np.inf else 0
     if stride < 1 or abs(ratio - stride) > 1e-6 * ratio:
         raise InferenceError(
-            f"The row interval is a multiple of the sampling interval, found {interval} s at {step:g} s; adjust it."
+            f"The row interval is a multiple of the sampling interval, found {short_repr(interval)} s at "
+            f"{step:g} s; adjust it."
         )
     return stride

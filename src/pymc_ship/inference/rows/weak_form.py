@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.machine.errors import TrialError
+from pymc_ship.machine.errors import ShipError, TrialError
 from pymc_ship.physics.forces.terms import evaluate
 from pymc_ship.physics.motion.equations import VELOCITIES
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
@@ -132,7 +132,7 @@ def weak_form_start(
     mean, scale = np.asarray(mean, dtype=float), np.asarray(scale, dtype=float)
     size = sum(n_terms) + len(vessel.parameters)
     if not mean.shape == scale.shape == (size,) or not np.isfinite(mean).all() or not (scale >= 0.0).all():
-        raise ValueError(
+        raise ShipError(
             f"The prior has a finite mean and a scale from 0 up for each of {size} coefficients, found shapes "
             f"{mean.shape} and {scale.shape}, or values that are not so; correct them."
         )

@@ -16,7 +16,7 @@ import xarray as xr
 
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.machine.errors import InferenceError
+from pymc_ship.machine.errors import InferenceError, ShipError
 
 OWN = "own"
 """Family of a prior, and law of errors, that the package does not know."""
@@ -201,7 +201,7 @@ def known_errors_of(tree: xr.DataTree) -> str:
     """Name of the error law of a posterior; ValueError if the package does not know it."""
     errors = errors_of(tree)
     if errors == OWN:
-        raise ValueError(
+        raise ShipError(
             f"A prediction needs errors of a known law, {', '.join(ERRORS)}, found another one or no log_likelihood "
             "that shows it; give posterior_tree the model, or predict by pm.sample_posterior_predictive."
         )

@@ -14,7 +14,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import OWN, law_of_draws
 from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, is_equal
 from pymc_ship.machine.arguments import check_kind
-from pymc_ship.machine.errors import InferenceError
+from pymc_ship.machine.errors import InferenceError, ShipError
 from pymc_ship.machine.seeds import Seed, random_generator
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def posterior_tree(
     state = "" if rng is None else rng_state(rng)
     if model is not None:
         if rng is None:
-            raise ValueError("Predictive draws of a model need a generator, found none; give rng.")
+            raise ShipError("Predictive draws of a model need a generator, found none; give rng.")
         computed = _from_model(groups, model, data, int(rng.integers(2**31)))
         groups = {name: _named_rows(group, name, data, None) for name, group in computed.items()} | groups
         groups = {name: _posterior(group, data) if name == "prior" else group for name, group in groups.items()}
@@ -94,7 +94,7 @@ def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
     """Group with ``coefficients`` and, if there, ``noise_variance`` on the original scale."""
     variable = next((name for name in ("coefficients", "scaled_coefficients") if name in group), None)
     if variable is None or group[variable].ndim != 3 or group[variable].shape[-1] != data.n_terms:
-        raise ValueError(
+        raise ShipError(
             f"The posterior must have 'coefficients' with dims chain, draw and {data.n_terms} terms, found "
             f"{', '.join(map(str, group.data_vars)) or 'no variable'}; add pm.Deterministic('coefficients', ...)."
         )
@@ -104,7 +104,7 @@ def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
     if sorted(labels) == sorted(names) and (names == labels or not counted):
         group = group.isel({dim: [labels.index(name) for name in names]})
     elif labels != positions or sorted(labels) == sorted(names):
-        raise ValueError(
+        raise ShipError(
             f"The posterior must have the coefficients of the data, {', '.join(names)}, found {', '.join(labels)}; "
             "give the data that the model was fitted to, or its names to the model."
         )
@@ -135,7 +135,7 @@ def _check_order(groups: dict[str, xr.Dataset], data: RegressionData) -> None:
         for dim in set(groups[name].dims) - set(_SAMPLE):
             found, rows = groups[name][dim].to_numpy(), np.arange(data.n_rows)
             if not np.array_equal(found, rows) and np.array_equal(np.sort(found), rows):
-                raise ValueError(
+                raise ShipError(
                     f"Rows in the order of the data are numbered from 0 up, found another order in {name} and no "
                     "observed_data that shows it; give the observed_data of pm.sample, or sort the rows."
                 )
@@ -149,7 +149,7 @@ def _check_response(name: str, observed: np.ndarray, data: RegressionData) -> No
         residual = response - line @ np.linalg.lstsq(line, response)[0]
         if np.abs(residual).max() <= 1e-6 * np.ptp(response) + 1e-12 * np.abs(response).max():
             return
-    raise ValueError(
+    raise ShipError(
         f"The observed variable {name} must be the response of the data, found {y.size} other values; give the "
         "data that the model was fitted to."
     )
@@ -158,7 +158,7 @@ def _check_response(name: str, observed: np.ndarray, data: RegressionData) -> No
 def _check_design(found: np.ndarray, data: RegressionData) -> None:
     """Raise ValueError unless a matrix is the design of the data, as given or scaled."""
     if not any(is_equal(design, found) for design in (data.design_matrix, data.scaled_design_matrix)):
-        raise ValueError(
+        raise ShipError(
             "The design_matrix must be that of the data, as given or scaled, found another one; give the data that "
             "the model was fitted to."
         )
@@ -172,7 +172,7 @@ def _from_model(
 
     observed = [variable.name for variable in model.observed_RVs]
     if len(observed) != 1:
-        raise ValueError(
+        raise ShipError(
             f"A regression has one observed variable, found {', '.join(observed) or 'none'}; give the groups of such a "
             "model in the tree and omit the model."
         )
@@ -206,7 +206,7 @@ def _named_rows(group: xr.Dataset, name: str, data: RegressionData, labels: np.n
         return group
     values = next(iter(group.data_vars.values())).transpose(*_SAMPLE, ...)
     if values.ndim != 3 or values.shape[-1] != data.n_rows:
-        raise ValueError(
+        raise ShipError(
             f"The group {name} has one value for each chain, draw and row, found shape {values.shape} for "
             f"{data.n_rows} rows; give the data that the model was fitted to."
         )

@@ -21,7 +21,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.operations import PooledDensity
 from pymc_ship.inference.sampling.regression_model import check_settings, sample_model
-from pymc_ship.machine.arguments import finite_number
+from pymc_ship.machine.arguments import check_kind, finite_number
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
@@ -166,6 +166,8 @@ def hierarchical_posterior(
 def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tuple[list[str], np.ndarray]:
     """Labels of the groups, and group index of each row; InferenceError for one group only or a run without a group."""
     runs = list(dict.fromkeys(data.run.tolist()))
+    if groups is not None:
+        check_kind("groups", groups, Mapping, "give the group of each run by its label", InferenceError)
     groups = {run: run for run in runs} if groups is None else {str(run): group for run, group in groups.items()}
     lacking = [run for run in runs if run not in groups]
     if lacking:

@@ -15,6 +15,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import new_design
 from pymc_ship.inference.sampling.error_laws import OWN, draw_errors, error_law, known_errors_of, log_likelihood_group
 from pymc_ship.machine.arguments import check_counts
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.machine.seeds import Seed, random_generator
 
 PREDICTIVE_DRAWS = 500  # default number of prior draws
@@ -97,7 +98,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     posterior = group_of(tree).transpose("chain", "draw", ..., missing_dims="ignore")
     dims = posterior["coefficients"].dims if "coefficients" in posterior else ()
     if dims != ("chain", "draw", "coefficient") or "noise_variance" not in posterior:
-        raise ValueError(
+        raise ShipError(
             "A prediction needs coefficients (dims chain, draw, coefficient) and a noise_variance in the posterior, "
             f"found {', '.join(map(str, posterior.data_vars))}; give the posterior of a regression."
         )
@@ -169,7 +170,7 @@ def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:
     check_data(data)
     names = [str(name) for name in group_of(tree)["coefficient"].to_numpy()]
     if list(data.coefficients) != names:
-        raise ValueError(
+        raise ShipError(
             f"The data must be those of the posterior, of {', '.join(names)}, found {', '.join(data.coefficients)}; "
             "give the data that it was fitted to."
         )
@@ -185,7 +186,7 @@ def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:
     others = [name for name, values in stored.items() if not is_equal(np.asarray(getattr(free, name)), values)]
     if others or not stored:
         fault = f"another {' and '.join(others)}".replace("_", " ") if stored else "no observed_data"
-        raise ValueError(
+        raise ShipError(
             f"The data must be those of the posterior, found {fault} in its tree; give the data that it was fitted to."
         )
     return free
@@ -196,7 +197,7 @@ def _check_prior_of(tree: xr.DataTree, prior: Prior) -> None:
     stored, given = json.loads(tree.attrs.get("prior", "{}")), prior.hyperparameters()
     others = [name for name, value in stored.items() if given.get(name) != value]
     if others and stored["family"] != OWN:
-        raise ValueError(
+        raise ShipError(
             f"The prior must be that of the posterior, found another {', '.join(others)}; give the prior of the fit."
         )
 

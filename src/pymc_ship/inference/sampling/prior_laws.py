@@ -8,9 +8,22 @@ from __future__ import annotations
 import numpy as np
 import pymc as pm
 
+from pymc_ship.inference.regression.priors import check_data
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.whitened_model import coefficients_from_fit
+from pymc_ship.machine.arguments import check_kind, number_or_nan, short_repr
 from pymc_ship.machine.errors import InferenceError
+
+
+def _check_use(data: object, given: object, **positive: object) -> None:
+    """Raise InferenceError outside of a model, and for other kinds of arguments."""
+    check_data(data)
+    check_kind("given", given, dict, "give the keyword arguments of the coefficients", InferenceError)
+    for name, value in positive.items():
+        if not 0.0 < number_or_nan(value) < np.inf:
+            raise InferenceError(f"{name} must be a positive number, found {short_repr(value)}; correct it.")
+    if pm.Model.get_context(error_if_none=False) is None:
+        raise InferenceError("A prior of a model is made inside it, found no model; give it to ps.pymc_model as prior.")
 
 
 def horseshoe(data: RegressionData, given: dict, *, effective: float | None = None, slab: float = 10.0) -> tuple:
@@ -43,12 +56,13 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     ----------
     Piironen & Vehtari (2017), Electronic Journal of Statistics 11(2):5018, doi:10.1214/17-EJS1337SI, Eq. 2.8, 3.12.
     """
+    _check_use(data, given, slab=slab)
     sigma2 = pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)
     expected = 0.5 * data.n_terms if effective is None else effective
-    if not 0.0 < expected < data.n_terms:
+    if not 0.0 < number_or_nan(expected) < data.n_terms:
         raise InferenceError(
             f"The effective number of coefficients lies between 0 and {data.n_terms}, the number of terms, found "
-            f"{expected}; give one in between."
+            f"{short_repr(expected)}; give one in between."
         )
     size = expected / (data.n_terms - expected) / data.n_rows**0.5
     tau = pm.HalfCauchy("global_scale", 1.0)
@@ -86,6 +100,7 @@ def r2d2(
     ----------
     Zhang, Naughton, Bondell & Reich (2022), JASA 117(538):862, doi:10.1080/01621459.2020.1825449.
     """
+    _check_use(data, given, mean=mean, precision=precision, concentration=concentration)
     sigma2 = pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)
     explained = pm.Beta("r2", mean * precision, (1.0 - mean) * precision)
     phi = pm.Dirichlet("phi", np.full(data.n_terms, concentration), dims="coefficient")

@@ -20,6 +20,7 @@ from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.predictive import with_predictive
 from pymc_ship.machine.arguments import check_choice, check_counts, check_flags, check_probabilities
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.machine.seeds import Seed, random_generator
 
 if TYPE_CHECKING:
@@ -266,7 +267,7 @@ def _installed_sampler(sampler: str | None) -> str:
     check_choice("The NUTS sampler", sampler, NUTS_SAMPLERS)
     if not find_spec(sampler):
         here = ", ".join(name for name in NUTS_SAMPLERS if find_spec(name))
-        raise ValueError(f"The NUTS sampler {sampler} is not installed; install it, or use one of {here}.")
+        raise ShipError(f"The NUTS sampler {sampler} is not installed; install it, or use one of {here}.")
     return sampler
 
 

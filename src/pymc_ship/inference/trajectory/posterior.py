@@ -16,7 +16,7 @@ from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfits
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.scale_law import FREEDOM, gibbs_draws
 from pymc_ship.machine.arguments import check_counts
-from pymc_ship.machine.errors import FitError
+from pymc_ship.machine.errors import FitError, ShipError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.equations import STATE
@@ -101,7 +101,7 @@ def trajectory_posterior(
     check_counts(draws=draws, chains=chains)
     rng, vessel = random_generator(rng), as_vessel(vessel)
     if draws % chains:
-        raise ValueError(
+        raise ShipError(
             f"Chains have equal numbers of draws, found {draws} draws for {chains} chains; give a multiple."
         )
     mode = trajectory_mode(trials, vessel, prior, **settings)

@@ -11,7 +11,7 @@ import xarray as xr
 
 from pymc_ship.inference.rows.weak_form import coefficient_scales
 from pymc_ship.inference.trajectory.scale_law import FACTOR_SD, FREEDOM, ScaleLaw
-from pymc_ship.machine.arguments import check_kind, number_or_nan
+from pymc_ship.machine.arguments import check_kind, number_or_nan, short_repr
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.forces.terms import order
@@ -140,10 +140,10 @@ def coefficient_prior(
         For an unknown kind, a relative sd or a table's sd that is not positive, or unknown names.
     """
     vessel, trials = as_vessel(vessel), trial_list(trials)
-    if kind not in KINDS or not 0.0 < number_or_nan(relative_sd) < np.inf:
+    if not (isinstance(kind, str) and kind in KINDS and 0.0 < number_or_nan(relative_sd) < np.inf):
         raise InferenceError(
-            f"A prior of coefficients is one of {', '.join(KINDS)} with a positive relative sd, found {kind!r} and "
-            f"{relative_sd}; correct them."
+            f"A prior of coefficients is one of {', '.join(KINDS)} with a positive relative sd, found "
+            f"{short_repr(kind)} and {short_repr(relative_sd)}; correct them."
         )
     known = np.array([parameter.sd for parameter in vessel.parameters])
     if kind == "order_damped":
@@ -212,7 +212,9 @@ def _with_table(
     known = {c.name: (c.value, c.sd) for c in in_file if c.sd > 0.0}
     table = {} if table is None else table
     check_kind("The table of a prior", table, Mapping, "give a dict by name of coefficient", InferenceError)
-    for name, (center, sd) in (known | dict(table)).items():
+    for name, pair in (known | dict(table)).items():
+        is_pair = isinstance(pair, tuple | list | np.ndarray) and len(pair) == 2
+        center, sd = map(number_or_nan, pair if is_pair else (pair, None))
         if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
             raise InferenceError(
                 f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "

@@ -18,7 +18,7 @@ from pymc_ship.inference.trajectory.mode import TrajectoryMode
 from pymc_ship.inference.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
-from pymc_ship.machine.errors import FitError, TrialError
+from pymc_ship.machine.errors import FitError, ShipError, TrialError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import recorded_inputs
 from pymc_ship.physics.motion.replay import replay
@@ -72,7 +72,7 @@ class WindowFit:
     def prior(self) -> CoefficientPrior:
         """Prior of the fit: the normal prior equivalent to Student's t."""
         if self.mode is None:
-            raise ValueError(
+            raise ShipError(
                 "The prior is known for a fit to windows, found a normal law without windows; use fit_windows."
             )
         return self.mode.problem.prior

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
+from pymc_ship.machine.arguments import check_kind
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.expressions import Expression, Trace, cos, sin
 from pymc_ship.physics.forces.hull import LOW_SPEED, MANOEUVRING, ROLL, SWAY_CENTRE
@@ -44,8 +45,9 @@ Matrix = tuple[tuple[float, ...], ...]
 def register_part(part: Part) -> None:
     """Register a part of the force.
 
-    VesselError if its name is taken.
+    VesselError for anything else, and if its name is taken.
     """
+    check_kind("A part", part, Part, "make one by ps.Part", VesselError)
     if part.name in PARTS:
         raise VesselError(f"The name of a part must be new, found {part.name!r} among {', '.join(PARTS)}; rename it.")
     PARTS[part.name] = part

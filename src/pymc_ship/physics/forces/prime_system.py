@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from pymc_ship.machine.errors import ShipError
+
 WATER_DENSITY = 1025.0  # density of sea water [kg/m3], for forces in N and moments in N m
 GRAVITY = 9.81  # acceleration of gravity [m/s2]
 
@@ -76,7 +78,7 @@ def scale(quantity: str, U: float | np.ndarray, L: float, water_density: float =
     ``U`` is the instantaneous speed [m/s], ``L`` the length between perpendiculars [m], the density is in kg/m3.
     """
     if quantity not in _SCALE:
-        raise ValueError(f"Prime values exist for {', '.join(QUANTITIES)}, found {quantity!r}; use one of these.")
+        raise ShipError(f"Prime values exist for {', '.join(QUANTITIES)}, found {quantity!r}; use one of these.")
     return _SCALE[quantity](np.asarray(U, dtype=float), L, water_density)
 
 

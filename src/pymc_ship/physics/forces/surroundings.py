@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pymc_ship.machine.arguments import number_or_nan, short_repr
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.expressions import Expression
 from pymc_ship.physics.forces.part import Expressions, Force, Motion, Parameter, Part, ShipDimensions, no_force, speed
@@ -25,11 +26,13 @@ def flow_components(flow: Flow) -> np.ndarray:
     """North and east components [m/s] of a flow, from its speed [m/s] and the direction it goes to [deg]."""
     if flow is None:
         return np.zeros(2)
-    speed, direction = float(flow[0]), np.deg2rad(float(flow[1]))
-    if not 0.0 <= speed < np.inf or not np.isfinite(direction):
+    pair = [number_or_nan(value) for value in flow] if isinstance(flow, tuple | list | np.ndarray) else []
+    if len(pair) != 2 or not np.isfinite(pair).all() or pair[0] < 0.0:
         raise SimulationError(
-            f"Wind and current have a speed from 0 m/s and a direction in degrees, found {tuple(flow)}; correct them."
+            "Wind and current have a speed from 0 m/s and a direction in degrees, found "
+            f"{short_repr(flow)}; correct them."
         )
+    speed, direction = pair[0], np.deg2rad(pair[1])
     return speed * np.array([np.cos(direction), np.sin(direction)])
 
 

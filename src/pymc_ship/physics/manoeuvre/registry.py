@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from pymc_ship.machine.arguments import check_kind
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreKind
 from pymc_ship.physics.manoeuvre.turning_circles import PULL_OUT, TURNING_CIRCLE
@@ -19,8 +20,10 @@ KINDS = {kind.name: kind for kind in (ZIGZAG, TURNING_CIRCLE, PULL_OUT, RUDDER_P
 def register_manoeuvre(kind: ManoeuvreKind) -> None:
     """Register a kind of manoeuvre.
 
-    SimulationError if another kind has its name or option. ``del KINDS[kind.name]`` removes it again.
+    SimulationError for anything else, and if another kind has its name or option.
+    ``del KINDS[kind.name]`` removes it again.
     """
+    check_kind("A kind of manoeuvre", kind, ManoeuvreKind, "make one by ps.ManoeuvreKind", SimulationError)
     for known in KINDS.values():
         if kind.name == known.name or (kind.option and kind.option == known.option):
             pair = " and ".join(f"{one.name!r} with {one.option!r}" for one in (kind, known))

@@ -199,10 +199,10 @@ def direct_spiral(
     """
     _check("port", approach_speed, rudder_deg=rudder_deg, step_deg=step_deg)
     steps = round(rudder_deg / step_deg)
-    if not (_STEP < hold < np.inf and abs(steps * step_deg - rudder_deg) < 1e-9 * rudder_deg):
+    if not (_STEP < number_or_nan(hold) < np.inf and abs(steps * step_deg - rudder_deg) < 1e-9 * rudder_deg):
         raise SimulationError(
             "A direct spiral holds each angle for some time and goes on in steps that divide the largest, found "
-            f"{rudder_deg:g} deg in steps of {step_deg:g} deg held for {hold:g} s; correct it."
+            f"{rudder_deg:g} deg in steps of {step_deg:g} deg held for hold = {short_repr(hold)} s; correct it."
         )
     there = np.linspace(rudder_deg, -rudder_deg, 2 * steps + 1)
     angles = np.append(there, there[-2::-1])

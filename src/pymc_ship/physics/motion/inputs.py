@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import number_or_nan, short_repr
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.part import INPUTS
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
@@ -100,9 +101,10 @@ def steady_inputs(
             f"Wind acts on a ship with the part wind, found {vessel.name!r} without it; leave out the wind, or add the "
             "part and [windage] to the vessel file."
         )
-    if current is not None and float(current[0]) > U:
+    drift = float(np.hypot(*flow_components(current)))
+    if drift > U:
         raise SimulationError(
-            f"A current is slower than the ship, found {float(current[0]):g} m/s at a nominal speed of {U:g} m/s; "
+            f"A current is slower than the ship, found {drift:g} m/s at a nominal speed of {U:g} m/s; "
             "correct it (knots times 0.514 are m/s)."
         )
     air = -flow_components(wind) - flow_components(current) if wind is not None else np.zeros(2)
@@ -117,9 +119,9 @@ def _relative_revolutions(vessel: Vessel, n: float) -> float:
             f"Revolutions need a ship of parts whose propeller is stated, found {vessel.name!r}; leave out n, or add "
             "parts and [propeller] to the vessel file."
         )
-    if not abs(n) <= _MOST_REVOLUTIONS * propeller.n:
+    if not abs(number_or_nan(n)) <= _MOST_REVOLUTIONS * propeller.n:
         raise SimulationError(
             f"Revolutions are a number [1/s] up to {_MOST_REVOLUTIONS:g} times the nominal {propeller.n:g}, "
-            f"found {n}; correct them (1/min over 60 are 1/s)."
+            f"found {short_repr(n)}; correct them (1/min over 60 are 1/s)."
         )
     return n / propeller.n

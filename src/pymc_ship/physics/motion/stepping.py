@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from pymc_ship.machine.arguments import number_or_nan
 from pymc_ship.physics.forces.part import INPUTS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.motion.equations import (
@@ -176,7 +177,8 @@ def simulation_settings(vessel: Vessel, **given: Any) -> dict[str, Any]:
     """Step, sampling interval and method for a vessel, from its L/U where they are not given, and all else given."""
     default = vessel.particulars.ship_time / STEPS
     step = given.get("step", default)
-    return {"step": step, "record_interval": max(int(default / step), 1) * step, "method": "rk4"} | given
+    stride = max(int(default / step), 1) if 0.0 < number_or_nan(step) < np.inf else None
+    return {"step": step, "record_interval": stride and stride * step, "method": "rk4"} | given
 
 
 def rudder_rate(vessel: Vessel, manoeuvre: Manoeuvre) -> float:

@@ -155,6 +155,7 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
     N0 Ngv Ngr Ngv|v| Ngv|r| Ngr|v| Ngr|r| Ng|r| Ngsincos Ngsincos|delta|
     """
     vessel = as_vessel(vessel)
+    check_choice("A term set", name, (OWN, *TERM_SETS, *PART_SETS), VesselError)
     if name == OWN:
         missing = [dof for dof, force in vessel.forces.items() if not force]
         if missing and not vessel.modular:
@@ -163,7 +164,6 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
                 "them, or choose another set."
             )
         return vessel
-    check_choice("A term set", name, (OWN, *TERM_SETS, *PART_SETS), VesselError)
     if name in PART_SETS:
         return _with_part_set(vessel, PART_SETS[name])
     chosen = TERM_SETS[name]

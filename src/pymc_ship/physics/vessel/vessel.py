@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.part import AddedMass
 from pymc_ship.physics.forces.propeller import Propeller
@@ -203,9 +204,9 @@ class Vessel:
         return self.particulars.z_G / self.particulars.L if "roll" in self.forces else 0.0
 
     def _force(self, dof: str) -> tuple[Coefficient, ...]:
-        if dof not in self.forces:
-            dofs = ", ".join(self.forces)
-            raise VesselError(f"{self.name!r} has the degrees of freedom {dofs}, found {dof!r}; choose one of them.")
+        if not isinstance(dof, str) or dof not in self.forces:
+            found = f"{', '.join(self.forces)}, found {short_repr(dof)}"
+            raise VesselError(f"{self.name!r} has the degrees of freedom {found}; choose one of them.")
         if not self.forces[dof] and not self.modular:
             raise VesselError(
                 f"The model of {self.name!r} needs coefficients of {dof}, found none; identify them with `pymc-ship "

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, check_flags, check_kind, name_list
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -75,6 +75,9 @@ def trial_checks(
     gyro offset: r has an offset of +0.0573 deg/s against psi, 16 deg in 5 L/U; subtract it.
     """
     vessel = None if vessel is None else as_vessel(vessel)
+    if lag is not None:
+        check_kind("lag", lag, VelocityLag, "give one of common_lag, or leave it out", TrialError)
+    check_flags(TrialError, any_speed=any_speed)
     _check_record(as_trial(trial))
     recorded = record_quality.recorded(trial)
     trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in recorded])
@@ -312,8 +315,8 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     >>> print(f"{(measured['r'] - corrected['r']).mean():.5f} rad/s")
     0.00100 rad/s
     """
-    trial, checks = as_trial(trial), list(checks)
-    for name in overrule:
+    trial, checks = as_trial(trial), _check_list(checks)
+    for name in name_list("The overruled checks", overrule, TrialError):
         check_choice("A check to overrule", name, [check.name for check in checks], TrialError)
     if sentence := failed_checks(checks, overrule):
         raise TrialError(sentence, checks=[one for one in checks if one.verdict == "bad" and one.name not in overrule])
@@ -324,6 +327,14 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
         *(_CORRECTION_TEXT[check.name](check) for check in checks if check.mendable),
     ]
     return mended.assign_attrs(corrections=corrections)
+
+
+def _check_list(checks: Any) -> list[Check]:
+    """Checks as a list; TrialError for anything else."""
+    given = list(checks) if isinstance(checks, Iterable) and not isinstance(checks, Mapping) else [checks]
+    for one in given:
+        check_kind("Each of checks", one, Check, "give those of trial_checks", TrialError)
+    return given
 
 
 def _remarks(checks: Iterable[Check]) -> list[str]:

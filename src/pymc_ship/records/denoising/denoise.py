@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymc_ship.machine.arguments import check_choice, name_list, real_array
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.records.denoising.ebayes import RULES
 from pymc_ship.records.denoising.smoothers import SMOOTHERS, smooth_signal
@@ -104,11 +105,11 @@ def channels_to_denoise(trial: xr.Dataset, channels: Sequence[str] | None) -> li
     given = [name for name in motion_names if name in trial] if channels is None else channels
     names = list(name_list("The channels", given))
     if not names:
-        raise ValueError(
+        raise ShipError(
             f"Denoising needs one of the channels {', '.join(motion_names)}, found none; name the channels."
         )
     if "time" in names:
-        raise ValueError("Denoising needs channels over time, found the time itself; leave it out.")
+        raise ShipError("Denoising needs channels over time, found the time itself; leave it out.")
     check_trial(trial, names)
     return names
 
@@ -204,9 +205,10 @@ def _check_method(method: str, function: Callable[..., object], settings: dict[s
     """Raise ValueError for an unknown method, and for wavelet settings of a smoother."""
     check_choice("The method", method, METHODS)
     defaults = {name: argument.default for name, argument in signature(function).parameters.items()}
-    changed = [name for name, value in settings.items() if np.any(np.asarray(value != defaults.get(name)))]
+    plain = (str, bool, int, float, type(None))
+    changed = [name for name, value in settings.items() if not isinstance(value, plain) or value != defaults.get(name)]
     if method in SMOOTHERS and changed:
-        raise ValueError(
+        raise ShipError(
             f"The method {method} chooses its {SMOOTHERS[method].parameter} itself, found {', '.join(changed)} of the "
             "wavelets; leave it out."
         )
@@ -216,10 +218,10 @@ def finite_signal(y: ArrayLike, what: str) -> np.ndarray:
     """Signal as an array, checked for length and finite values."""
     signal = real_array(f"The {what}", y)
     if signal.ndim != 1 or signal.size < MIN_LENGTH:
-        raise ValueError(
+        raise ShipError(
             f"Denoising needs at least {MIN_LENGTH} samples over time alone, found shape {signal.shape} in {what}; "
             "leave it out or take a longer record."
         )
     if not np.isfinite(signal).all():
-        raise ValueError(f"Denoising needs finite values, found NaN or infinity in {what}; fill or cut the gaps first.")
+        raise ShipError(f"Denoising needs finite values, found NaN or infinity in {what}; fill or cut the gaps first.")
     return signal

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pymc_ship.machine.arguments import check_choice, real_array
+from pymc_ship.machine.errors import ShipError
 
 DERIVATIVES = ("euler", "central", "savgol")
 
@@ -25,7 +26,7 @@ def derivative(
     signal = real_array("The signal of a derivative", values)
     check_choice("The method", method, DERIVATIVES)
     if not (0.0 < step < math.inf and 0.0 < window < math.inf and order >= 1):
-        raise ValueError(
+        raise ShipError(
             f"Step and window must be positive and the order at least 1, found {step:g} s, {window:g} s and {order}; "
             "correct them."
         )
@@ -33,9 +34,9 @@ def derivative(
     needed = {"euler": 2, "central": 3, "savgol": length}[method]
     n_time = signal.shape[-1] if signal.ndim else 1
     if n_time < needed:
-        raise ValueError(f"The method {method} needs {needed} samples, found {n_time}; give more or another window.")
+        raise ShipError(f"The method {method} needs {needed} samples, found {n_time}; give more or another window.")
     if not np.isfinite(signal).all():
-        raise ValueError("A derivative needs finite values, found NaN or infinity; fill or cut the gaps first.")
+        raise ShipError("A derivative needs finite values, found NaN or infinity; fill or cut the gaps first.")
     if method == "euler":
         return np.diff(signal, axis=-1, append=2.0 * signal[..., -1:] - signal[..., -2:-1]) / step
     if method == "central":

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pymc_ship.machine.arguments import check_choice, finite_number, real_array
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.records.denoising.spike_and_slab import (
     beta_value,
     draw_value,
@@ -182,7 +183,7 @@ def _observations(x: ArrayLike) -> np.ndarray:
     values = real_array("The observations", x)
     if values.size == 0 or not np.isfinite(values).all():
         fault = "none" if values.size == 0 else f"{np.count_nonzero(~np.isfinite(values))} that are not"
-        raise ValueError(f"Thresholding needs finite observations, found {fault}; leave out or fill the gaps first.")
+        raise ShipError(f"Thresholding needs finite observations, found {fault}; leave out or fill the gaps first.")
     return values
 
 
@@ -194,14 +195,14 @@ def _positive_number(what: str, value: Any) -> float:
 
 def _check_positive(what: str, value: Any) -> None:
     if not np.all((np.asarray(value) > 0.0) & np.isfinite(value)):
-        raise ValueError(
+        raise ShipError(
             f"The {what} must be positive and finite, found {value}; give such a number, or None to fit it."
         )
 
 
 def _probability(weight: Any) -> Any:
     if not np.all((np.asarray(weight) >= 0.0) & (np.asarray(weight) <= 1.0)):
-        raise ValueError(f"A weight is a probability, found {weight}; give numbers in [0, 1].")
+        raise ShipError(f"A weight is a probability, found {weight}; give numbers in [0, 1].")
     return weight
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pywt
 
 from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.records.denoising.ebayes import mad
 
 BOUNDARIES = ("reflect", "periodic")
@@ -110,7 +111,7 @@ def margins(n_time: int, support: int, levels: int, boundary: str, what: str) ->
     block = 2**levels
     if boundary == "periodic":
         if n_time % block:
-            raise ValueError(
+            raise ShipError(
                 f"A periodic {what} must have a multiple of 2**levels = {block} samples, found {n_time}; use the "
                 "boundary 'reflect' or fewer levels."
             )
@@ -128,14 +129,14 @@ def inside(n_detail: int, n_padded: int, before: int, after: int) -> slice:
 def orthogonal_wavelet(name: str) -> pywt.Wavelet:
     """Wavelet of PyWavelets whose filters are orthogonal to their shifts by two; ValueError for another name."""
     filters, deviation = None, math.inf
-    if name in pywt.wavelist(kind="discrete"):
+    if isinstance(name, str) and name in pywt.wavelist(kind="discrete"):
         filters = pywt.Wavelet(name)
         low_pass = np.array(filters.dec_lo)
         products = np.correlate(low_pass, low_pass, "full")[low_pass.size - 1 :: 2]  # of the filter and its shifts
         products[0] -= 1.0
         deviation = max(np.abs(products).max(), np.abs(low_pass - filters.rec_lo[::-1]).max())
     if filters is None or deviation > ORTHOGONAL:
-        raise ValueError(
+        raise ShipError(
             f"Denoising needs an orthogonal wavelet, found {short_repr(name)}; take one such as haar, db4 or sym8."
         )
     return filters
@@ -147,5 +148,5 @@ def whole_levels(n_time: int, levels: int | None, what: str) -> int:
     if levels is None:
         return largest - 3
     if isinstance(levels, bool) or not isinstance(levels, int | np.integer) or not 1 <= levels <= largest:
-        raise ValueError(f"The {what} ({n_time} samples) has 1 to {largest} levels, found {levels}; choose among them.")
+        raise ShipError(f"The {what} ({n_time} samples) has 1 to {largest} levels, found {levels}; choose among them.")
     return levels

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
@@ -131,8 +131,10 @@ def simulate_readings(
     clean: xr.Dataset, noise: str | Noise | Sequence[str | Noise], rng: np.random.Generator
 ) -> xr.Dataset:
     """Trial with noise, by names of :data:`INSTRUMENTS` or functions; TrialError for noise that cannot be used."""
-    kinds: Sequence[str | Noise] = [noise] if isinstance(noise, str) or callable(noise) else list(noise)
-    for kind in [kind for kind in kinds if isinstance(kind, str)]:
+    kinds: list[Any] = [noise]
+    if isinstance(noise, Iterable) and not isinstance(noise, str) and not callable(noise):
+        kinds = list(noise)
+    for kind in [kind for kind in kinds if not callable(kind)]:
         check_choice("An instrument", kind, INSTRUMENTS, TrialError)
     functions = [INSTRUMENTS[kind] if isinstance(kind, str) else kind for kind in kinds]
     channels = [name for one in functions if isinstance(one, Instrument) for name in one.sd]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.arguments import finite_number
+from pymc_ship.machine.arguments import finite_number, number_or_nan, short_repr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.records.files.instruments import Noise, simulate_readings
@@ -57,9 +57,9 @@ NOISES = {
 
 def noise_sd(level: float | str) -> float:
     """Standard deviation of xi that a level names; TrialError for anything but a number from 0 up or "literal"."""
-    size = LITERAL_LEVEL if level == "literal" else level
-    if isinstance(size, str) or not 0.0 <= size < np.inf:
-        raise TrialError(f"The noise level is a number from 0 up or 'literal', found {level!r}; correct it.")
+    size = LITERAL_LEVEL if isinstance(level, str) and level == "literal" else number_or_nan(level)
+    if not 0.0 <= size < np.inf:
+        raise TrialError(f"The noise level is a number from 0 up or 'literal', found {short_repr(level)}; correct it.")
     return size
 
 

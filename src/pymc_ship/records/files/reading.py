@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import as_path
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.records.files.clock import (
@@ -124,7 +125,7 @@ class FileReading:
 
 def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = None) -> FileReading:
     """Trial of a file as by :func:`read_trial`, with what each column was taken for."""
-    path, given = bag_of(Path(path)), load_format(format)
+    path, given = bag_of(as_path("path", path, TrialError)), load_format(format)
     table = _with_whole_stamps(text_table(path, given))
     columns, stated, notes = _chosen_columns(table, given, str(path))
     (time, channels, time_notes, rows_lost), layout = _time_series(table, columns, stated, path)

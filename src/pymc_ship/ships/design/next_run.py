@@ -6,7 +6,7 @@ Wooff 2007, doi:10.1002/9780470065662, section 3.1).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,11 +14,11 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
-from pymc_ship.machine.arguments import check_counts
+from pymc_ship.machine.arguments import check_callables, check_counts, number_or_nan, short_repr
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.indices import indices
-from pymc_ship.physics.manoeuvre.standard import STANDARD, Manoeuvre, pull_out, turning_circle, zigzag
+from pymc_ship.physics.manoeuvre.standard import STANDARD, Manoeuvre, one_manoeuvre, pull_out, turning_circle, zigzag
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.motion.simulation import simulate
@@ -50,6 +50,7 @@ _INSIDE = 0.95  # probability of intervals, and fraction of the draws inside the
 _ROUNDS = np.deg2rad(540.0)  # change of heading at the end of a circle
 _SWINGS = 3  # swings of a zigzag
 _POINTS = 64  # points of a track
+_MOST_RUNS = 100  # runs to choose
 _FAR, _TINY = 1e3, 1e-12  # distance [sd] of a draw without an index, and least half width
 _QUANTILE = float(ndtri(0.5 + 0.5 * _INSIDE))
 
@@ -142,14 +143,19 @@ def design(
     'turning circle 35 port'
     """
     check_counts(SimulationError, n=n)
+    if n > _MOST_RUNS:
+        raise SimulationError(f"A design chooses n of at most {_MOST_RUNS} runs, found {short_repr(n)}; lower it.")
     check_counts(SimulationError, least=2, draws=draws)
-    ship, by_label = as_ship(ship), _manoeuvres_by_label(candidates)
-    have_indices = [isinstance(one, Manoeuvre) and bool(one.traits.indices) for one in (*by_label.values(), *interest)]
-    if not by_label or not interest or not all(have_indices):
+    check_callables(progress=progress)
+    ship, by_label, targeted = as_ship(ship), _manoeuvres_by_label(candidates), _manoeuvres_by_label(interest)
+    have_indices = [bool(one.traits.indices) for one in (*by_label.values(), *targeted.values())]
+    if not by_label or not targeted or not all(have_indices):
         raise SimulationError(
             "A design needs one candidate and one target manoeuvre or more that have indices, found "
-            f"{list(by_label)} and {[one.label for one in interest]}; correct them."
+            f"{list(by_label)} and {list(targeted)}; correct them."
         )
+    if not number_or_nan(sea_room) > 0.0:
+        raise SimulationError(f"sea_room must be a positive number [m], found {short_repr(sea_room)}; correct it.")
     models = thinned_draws(suitable_models(ship.models, wind=wind), draws)
     runs: dict[tuple[Manoeuvre, bool], _Run] = {}
 
@@ -159,7 +165,7 @@ def design(
             runs[manoeuvre, windy] = _simulate_run(models, manoeuvre, **({"wind": wind} if windy else {}))
         return runs[manoeuvre, windy]
 
-    targets = [run_of(manoeuvre, windy=False) for manoeuvre in interest]
+    targets = [run_of(manoeuvre, windy=False) for manoeuvre in targeted.values()]
     candidate_runs = {label: run_of(manoeuvre, windy=wind is not None) for label, manoeuvre in by_label.items()}
     return _choose_runs(_design(ship, models[0][0], targets), candidate_runs, n, sea_room)
 
@@ -346,9 +352,9 @@ def _choose_runs(design: _Design, candidate_runs: Mapping[str, _Run], n: int, se
 def _manoeuvres_by_label(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
     """Manoeuvres by their label, or by their own label and approach speed, with a number where it repeats."""
     if isinstance(manoeuvres, Mapping):
-        return dict(manoeuvres)
+        return {name: one_manoeuvre(one) for name, one in manoeuvres.items()}
     labelled: dict[str, Manoeuvre] = {}
-    for one in manoeuvres:
+    for one in map(one_manoeuvre, manoeuvres if isinstance(manoeuvres, Iterable) else [manoeuvres]):
         label = one.label + (f" from {one.approach_speed:g} m/s" if one.approach_speed else "")
         same = sum(name.split(" #")[0] == label for name in labelled)
         labelled[f"{label} #{same + 1}" if same else label] = one

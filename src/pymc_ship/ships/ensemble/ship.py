@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
-from pymc_ship.machine.arguments import check_counts
-from pymc_ship.machine.errors import VesselError
+from pymc_ship.machine.arguments import check_counts, check_kind, number_or_nan, short_repr
+from pymc_ship.machine.errors import ShipError, VesselError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs, reference_coefficients
@@ -124,12 +124,17 @@ class Ship:
         """
         check_counts(least=2, draws=draws)
         rng, vessel = random_generator(rng), as_vessel(vessel)
-        if not posteriors:
-            raise VesselError(f"A ship needs a posterior, found {posteriors!r}; give one, or take ps.Ship.from_vessel.")
+        if posteriors is None or (isinstance(posteriors, Mapping) and not posteriors):
+            found = short_repr(posteriors)
+            raise VesselError(
+                f"A ship needs a posterior, found {found}; give a joint one, or take ps.Ship.from_vessel."
+            )
+        if noise_sd is not None:
+            check_kind("noise_sd", noise_sd, Mapping, "give a dict by channel")
         noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)
         for name, sd in noise.items():
-            if name not in SIMULATED or not 0.0 <= sd < np.inf:
-                raise ValueError(
+            if name not in SIMULATED or not 0.0 <= number_or_nan(sd) < np.inf:
+                raise ShipError(
                     f"The sd of sensor noise is finite and at least 0, for any of {', '.join(SIMULATED)}; found {sd} "
                     f"for {name!r}; correct it."
                 )

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.pages.drawing import BLUE, NOISE, house_style, subplots
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.captive import captive_test_forces
@@ -27,7 +28,7 @@ def force_curves(models: Models, ranges: xr.DataArray | None = None) -> Figure:
     motion of the training record, whose range is shaded. ValueError for no model, or draws of another shape.
     """
     if not models:
-        raise ValueError("Force curves need at least one vessel with draws of its coefficients, found none; add one.")
+        raise ShipError("Force curves need at least one vessel with draws of its coefficients, found none; add one.")
     fig, axes = subplots(8.0, 6.4, len(_FORCES), len(_AXES), sharex="col")
     tails = [0.5 - 0.5 * _INSIDE, 0.5, 0.5 + 0.5 * _INSIDE]
     for column, symbol in enumerate(_AXES):
@@ -60,7 +61,7 @@ def force_draws(vessel: Vessel, draws: np.ndarray, dof: str, symbol: str, values
     """
     size = len(coefficient_names(vessel))
     if draws.ndim != 2 or draws.shape[1] != size or not len(draws):
-        raise ValueError(f"Draws of {vessel.name!r} have shape (draws, {size}), found {draws.shape}; reorder them.")
+        raise ShipError(f"Draws of {vessel.name!r} have shape (draws, {size}), found {draws.shape}; reorder them.")
     s, row = vessel.particulars, DOFS.index(dof)
     prime = {name: np.zeros(values.size) for name in SYMBOLS} | {symbol: np.asarray(values, dtype=float)}
     speed = s.nominal_speed / (1.0 - prime["u"])

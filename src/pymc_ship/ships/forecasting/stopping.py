@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pymc_ship.machine.arguments import number_or_nan, short_repr
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.pages.drawing import BLUE, NOISE, house_style, subplots
 from pymc_ship.pages.tables import fixed_point, heads, rounded_percent
@@ -70,17 +71,18 @@ class StoppingTest:
             raise SimulationError(_NOT_ASTERN)
         s, nominal = vessel.particulars, ship_dimensions(vessel).n
         reversal = REVERSAL * s.ship_time if self.reversal is None else self.reversal
-        if not 0.0 < self.astern <= MOST_ASTERN * nominal or not 0.0 <= reversal < np.inf:
+        rates = number_or_nan(self.astern), number_or_nan(reversal)
+        if not 0.0 < rates[0] <= MOST_ASTERN * nominal or not 0.0 <= rates[1] < np.inf:
+            found = f"{short_repr(self.astern)} and {short_repr(reversal)}"
             raise SimulationError(
                 f"A stopping test has revolutions astern up to {MOST_ASTERN:g} times the nominal {nominal:.3g} 1/s "
-                f"and a time from 0 s to reach them, found {self.astern} and {reversal}; correct them (1/min over 60 "
-                "are 1/s)."
+                f"and a time from 0 s to reach them, found {found}; correct them (1/min over 60 are 1/s)."
             )
         speed = s.nominal_speed if self.approach_speed is None else self.approach_speed
-        if not 0.0 < speed < _FASTEST * s.nominal_speed:
+        if not 0.0 < number_or_nan(speed) < _FASTEST * s.nominal_speed:
             raise SimulationError(
                 f"A stopping test begins with way ahead, up to {_FASTEST:g} times the nominal {s.nominal_speed:.3g} "
-                f"m/s, found {speed} m/s; correct approach_speed."
+                f"m/s, found {short_repr(speed)} m/s; correct approach_speed."
             )
         return reversal, speed
 

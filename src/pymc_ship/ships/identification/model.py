@@ -17,7 +17,7 @@ from pymc_ship.inference.captive.comparison import captive_bands
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
 from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
-from pymc_ship.machine.arguments import check_counts, name_list
+from pymc_ship.machine.arguments import check_callables, check_counts, check_kind, name_list
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError, VesselError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
@@ -171,13 +171,17 @@ def identify_ship(
     >>> identification.ship
     Ship(kvlcc2: 1 model, 100 draws, model error from 2 held-out runs)
     """
+    check_callables(progress=progress)
     check_counts(TrialError, least=2, draws=draws)
+    if captive is not None:
+        check_kind("captive", captive, xr.Dataset, "read it by read_captive", TrialError)
     rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)
     before = prior if isinstance(prior, Ship) else None
     names = run_names("An identification", names, len(trials))
     kind = prior_kind_of(vessel, (prior.prior if isinstance(prior, Ship) else prior) or None)
     training = _with_earlier_runs(before, replace(_prepare(trials, vessel, kind), captive=captive))
-    chosen = terms or training.earlier or default_term_sets(training)
+    given = () if terms is None else name_list("The term sets", terms, VesselError)
+    chosen = given or training.earlier or default_term_sets(training)
     term_set_names = name_list("The term sets", chosen, VesselError)
     _check_earlier(before, term_set_names, captive)
     by_name = dict(zip(names, trials, strict=True))

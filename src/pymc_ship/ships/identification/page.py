@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from pymc_ship.inference.captive.comparison import captive_figure, comparison_page_table, comparison_rows
 from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
-from pymc_ship.machine.arguments import check_counts
+from pymc_ship.machine.arguments import check_callables, check_counts, check_kind
+from pymc_ship.machine.errors import ShipError
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Columns, Table, fixed_point, heads, number, table
@@ -147,10 +148,12 @@ def write_ship_report(
     OutputError
         When the folder cannot be written.
     """
+    check_callables(progress=progress)
     check_counts(least=0, seed=seed)
     trials = named_trials(trials)
+    check_kind("The result", result, ShipIdentification, "make it by identify_ship")
     if tuple(trials) != result.names:
-        raise ValueError(
+        raise ShipError(
             f"The report takes the trials of the identification, {', '.join(result.names)}, in this order; found "
             f"{', '.join(trials) or 'none'}."
         )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pymc_ship.machine.arguments import check_kind
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import at_least, fixed_point, heads, number, table
 from pymc_ship.records.files.quality_flags import quality_remarks
@@ -75,6 +77,7 @@ def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship
     >>> print(ps.trial_report(ps.sea_trial({"circle": circle}, vessel, rng=1), "report").name)
     sea_trial.html
     """
+    check_kind("The result", result, SeaTrial, "make it by ps.sea_trial", TrialError)
     index_rows = [row | {"index": row["index"].replace("_", " ")} for row in result.indices]
     flows = [
         {"run": name, "speed": current.speed, "direction": current.direction}

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.errors import TrialError
+from pymc_ship.machine.arguments import check_callables, check_kind
+from pymc_ship.machine.errors import TrialError, VesselError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.surroundings import WIND
@@ -37,7 +38,7 @@ from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current, logg
 from pymc_ship.ships.sea_trials.form import form_rows, ship_rows
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
 from pymc_ship.ships.sea_trials.uncertainty import uncertainty_budget
-from pymc_ship.trial.record import facility_of, trial_list
+from pymc_ship.trial.record import facility_of, numbered_trials
 
 _UNLIKE = 0.7  # difference of two drifts over one of them, from which they are not of one current
 
@@ -129,11 +130,11 @@ def sea_trial(
     >>> print(f"{row['raw']:.2f} L, without the current {row['corrected']:.2f} L, limit {row['limit']:g} L")
     2.91 L, without the current 3.61 L, limit 5 L
     """
+    check_callables(progress=progress)
     rng, vessel, trial_conditions = random_generator(rng), as_vessel(vessel), load_conditions(conditions)
-    if isinstance(trials, Mapping):
-        records = dict(trials)
-    else:
-        records = {str(k): trial for k, trial in enumerate(trial_list(trials), start=1)}
+    records = numbered_trials(trials)
+    if ship is not None:
+        check_kind("ship", ship, Ship, "give that of identify_ship, or leave it out", VesselError)
     loaded = None if full_load is None else as_vessel(full_load)
     runs = _runs_by_kind(records, vessel)
     winds = {name: wind for name in records if (wind := mean_wind(records[name], trial_conditions)) is not None}
