@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,10 +16,11 @@ from pymc_ship.ships.ensemble.index_error import extrapolation_growth
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import motion_error
 from tests.sentences import refused
-from tests.ships.ensemble.cases import motion_of, ship_of, with_likelihoods
+from tests.ships.ensemble.cases import motion_of, ship_of, with_likelihoods, write_index
 from tests.ships.forecasting.cases import scattered
 from tests.ships.identification.cases import tanker, trial
 
+GONE = object()
 SAVED = Path(__file__).parents[2] / "data" / "ships"
 """Two zigzags of the KVLCC2, identified with 8 draws by the last version that wrote a format."""
 
@@ -94,6 +96,53 @@ def test_a_ship_without_the_likelihood_of_its_runs_is_not_saved(ship, tmp_path, 
     with refused(ps.VesselError, "kvlcc2"):
         ps.save_ship(without, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+WRONG = [
+    *((("terms",), bad) for bad in ([], {}, None, "text")),
+    *((("terms", 0, key), GONE) for key in ("name", "file", "weight", "log_density")),
+    (("terms", 0, "log_density", 0), "text"),
+    *(((key,), bad) for key in ("facilities", "index_error", "motion_error") for bad in (None, 3, ["a"], {"": 3})),
+    (("motion_error", "u", 0), []),
+    (("facilities", "", "rudder_delay"), GONE),
+    *((("held_out_indices", 0, key), GONE) for key in ("run", "manoeuvre", "index", "kind", "measured_sd")),
+    (("held_out_indices", 0, "index"), ["a"]),
+    (("held_out_indices", 0, "kind"), "weather"),
+    *(((key,), None) for key in ("remarks", "prior", "uses_captive_tests", "format")),
+    (("prior",), ["text"]),
+    (("extrapolation_growth",), "text"),
+    (("harder_indices",), [3]),
+]
+
+
+@pytest.mark.parametrize(("path", "value"), WRONG, ids=str)
+def test_an_index_of_another_form_is_refused_with_the_key(path, value, tmp_path):
+    at = Path(shutil.copytree(SAVED / f"format_{max(MIGRATIONS)}", tmp_path / "at"))
+    index = node = json.loads((at / "model" / "ship.json").read_text(encoding="utf-8"))
+    for key in path[:-1]:
+        node = node[key]
+    if value is GONE:
+        del node[path[-1]]
+    else:
+        node[path[-1]] = value
+    if path == ("terms", 0, "file"):
+        (at / "model" / "ship.json").write_text(json.dumps(index), encoding="utf-8")
+    else:
+        try:
+            write_index(at / "model", index)
+        except (TypeError, KeyError, AttributeError):  # no files can be named
+            (at / "model" / "ship.json").write_text(json.dumps(index), encoding="utf-8")
+    with refused(ps.VesselError, "ship.json" if path[0] == "terms" else path[0]):
+        ps.load_ship(at)
+
+
+@pytest.mark.parametrize("ending", [".toml", ".nc"])
+def test_a_missing_file_of_a_ship_is_named(ending, tmp_path):
+    at = Path(shutil.copytree(SAVED / f"format_{max(MIGRATIONS)}", tmp_path / "at"))
+    (file,) = (at / "model").glob(f"*{ending}")
+    file.unlink()
+    with refused(ps.VesselError, file.name):
+        ps.load_ship(at)
 
 
 class TestEarlierFormats:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,10 +14,11 @@ import xarray as xr
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.inference.trajectory.prior import GaussianLikelihood
 from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
-from pymc_ship.machine.arguments import name_list
+from pymc_ship.machine.arguments import as_path, check_kind, name_list
 from pymc_ship.machine.checksums import folder_checksum
-from pymc_ship.machine.errors import VesselError
+from pymc_ship.machine.errors import OutputError, VesselError
 from pymc_ship.machine.files import settle, staged_path
+from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
@@ -32,10 +34,20 @@ MIGRATIONS = {  # names of older formats that differ in the next one, by format 
     4: {},  # without the growth of the error beyond the runs: that of other ships
 }
 _INDEX, _SUM = "ship.json", "sha256"
-_KEYS = (
-    *("terms", "facilities", "index_error", "motion_error", "remarks", "prior"),
-    *("held_out_indices", "uses_captive_tests"),
-)
+_LAW, _ROW = [float], dict.fromkeys(("run", "manoeuvre", "index"), str) | {"kind": UNITS, "measured_sd": float}
+_FORM: dict[str, Any] = {
+    "format": (*MIGRATIONS, FORMAT),
+    "terms": [{"name": str, "file": str, "weight": float, "log_density": [float]}],
+    "facilities": {"*": {gear.name: float for gear in fields(Steering)}},
+    "index_error": {"*": _LAW},
+    "motion_error": dict.fromkeys(ERROR_STATES, _LAW),
+    "remarks": [str],
+    "prior": str,
+    "held_out_indices": [_ROW],
+    "uses_captive_tests": bool,
+}
+"""Form of an index by key: a type, a list of one form, a table by key or, under ``*``, of any keys, or choices."""
+_LATER = {"extrapolation_growth": _LAW, "harder_indices": [_ROW]}  # keys that older formats do not have
 _LIKELIHOOD = ("motion", "design", "response", "prior_mean", "prior_scale")
 _CHAINS = 4
 
@@ -72,7 +84,8 @@ def save_ship(
     VesselError
         For a ship without the likelihood of its runs, such as that of a vessel file, or runs of one name.
     """
-    run_list = name_list("The names of runs", runs, VesselError)
+    check_kind("The ship", ship, Ship, "give that of identify_ship", VesselError)
+    out, run_list = as_path("out", out, OutputError), name_list("The names of runs", runs, VesselError)
     members = [one for one in ship.members if len(one.draws)]
     known = [(one, one.likelihood) for one in members if one.likelihood is not None]
     if ship.motion is None or len(known) < len(members):
@@ -80,7 +93,7 @@ def save_ship(
             f"A ship is saved with the likelihood of its runs, found none of {ship.vessel.name!r}; save that of "
             "identify_ship, or write the posterior and keep the vessel file."
         )
-    with staged_path(Path(out) / FOLDER) as folder:
+    with staged_path(out / FOLDER) as folder:
         folder.mkdir()
         terms = []
         for member, likelihood in known:
@@ -107,7 +120,7 @@ def save_ship(
         }
         index[_SUM] = _checksum(folder, index)
         (folder / _INDEX).write_text(json.dumps(index, indent=2) + "\n", encoding="utf-8")
-    return Path(out) / FOLDER
+    return out / FOLDER
 
 
 def load_ship(out: str | Path) -> Ship:
@@ -123,8 +136,8 @@ def load_ship(out: str | Path) -> Ship:
     VesselError
         For a missing ship, another format, or a checksum that differs.
     """
-    settle(out)
-    folder = Path(out) / FOLDER
+    folder = as_path("out", out, VesselError) / FOLDER
+    settle(folder.parent)
     index = _read_index(folder)
     members, motion = [], None
     for entry in index["terms"]:
@@ -142,7 +155,10 @@ def load_ship(out: str | Path) -> Ship:
         index_error=_laws(index["index_error"]),
         motion_error=_laws(index["motion_error"]),
         extrapolation_growth=np.array(index.get("extrapolation_growth") or extrapolation_growth((), {})),
-        facilities={name: Steering(**gear) for name, gear in index["facilities"].items()},
+        facilities={
+            name: Steering(**{one.name: gear[one.name] for one in fields(Steering)})
+            for name, gear in index["facilities"].items()
+        },
         remarks=tuple(index["remarks"]),
         prior=index["prior"],
         held_out_indices=index_table(index["held_out_indices"]),
@@ -157,26 +173,36 @@ def _read_index(folder: Path) -> dict:
         index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
         whole = index.pop(_SUM, None) == _checksum(folder, index)
     except OSError as error:
-        reason = error.strerror or error
+        file, reason = Path(error.filename or _INDEX).name, error.strerror or error
+        if file != _INDEX:
+            raise VesselError(f"{folder} lacks {file} of its ship: {reason}; copy the whole folder again.") from None
         raise VesselError(f"{folder} holds no identified ship: {reason}; run `pymc-ship identify` first.") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise VesselError(f"{folder / _INDEX} cannot be read: {error!r}; run `pymc-ship identify` again.") from None
+        reason = str(error) if isinstance(error, ValueError) else "it is no index of a ship"
+        raise VesselError(f"{folder / _INDEX} cannot be read: {reason}; run `pymc-ship identify` again.") from None
     if not whole:
         raise VesselError(
             f"The identified ship in {folder} was damaged or changed, its checksum does not fit or is missing; copy it "
             "again or run `pymc-ship identify` again."
         )
-    number, index = index.get("format"), _current_names(index)
-    gear = {one.name for one in fields(Steering)}
-    if not (
-        number in (*MIGRATIONS, FORMAT)
-        and set(_KEYS) <= set(index)
-        and set(index["motion_error"]) == set(ERROR_STATES)
-        and all(set(one) == gear for one in index["facilities"].values())
-        and all("measured_sd" in row for row in index["held_out_indices"])
-    ):
-        raise _other_format(folder, _INDEX, _KEYS)
+    index = _current_names(index)
+    form = _FORM | {key: of for key, of in _LATER.items() if key in index}
+    other = [key for key, of in form.items() if key not in index or not _has_form(index[key], of)]
+    if other or not index["terms"]:
+        raise _other_format(folder, _INDEX, other or ["terms"])
     return index
+
+
+def _has_form(value: Any, form: Any) -> bool:
+    """Whether a value of an index has a form of :data:`_FORM`."""
+    if isinstance(form, list):
+        return isinstance(value, list) and all(_has_form(one, form[0]) for one in value)
+    if isinstance(form, type):
+        return isinstance(value, int | float if form is float else form) and (form is bool) == isinstance(value, bool)
+    if form is UNITS or isinstance(form, tuple):
+        return not isinstance(value, list | dict) and value in form
+    by_key = dict.fromkeys(value, form["*"]) if "*" in form and isinstance(value, dict) else form
+    return isinstance(value, dict) and all(key in value and _has_form(value[key], of) for key, of in by_key.items())
 
 
 def _current_names(entries: Mapping) -> dict:
