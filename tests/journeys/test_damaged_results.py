@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 from pymc_ship.cli.main import main
-from pymc_ship.machine.errors import StudyError, VesselError
+from pymc_ship.machine.errors import ShipError, StudyError, VesselError
 from tests.experiments.cases import TOML
 from tests.journeys.damaged import damage
 from tests.journeys.results import AGAIN, kinds
@@ -56,7 +56,7 @@ def fuzz(whole, place, seeds):
         if error is None:
             assert found in (known[name], AGAIN), (seed, path)
         else:
-            assert type(error) in (VesselError, StudyError, ValueError), (seed, path, repr(error))
+            assert type(error) in (VesselError, StudyError, ShipError), (seed, path, repr(error))
             assert str(copy) in str(error), (seed, path, error)
             assert str(error).endswith("."), (seed, path, error)
         counts[name, "read" if error is None else "refused"] += 1

@@ -402,6 +402,7 @@ def test_swapped_arguments_are_refused_with_a_sentence(trial):
         lambda: ps.trial_checks(ps.load_vessel("kvlcc2"), trial),
         lambda: ps.corrected_trial(trial, (), "rudder sign"),
         lambda: ps.corrected_trial(trial, (), 3),
+        lambda: ps.sea_trial([], "kvlcc2", rng=1),
     ):
         with refused(ps.ShipError):
             use()

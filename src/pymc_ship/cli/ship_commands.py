@@ -44,7 +44,6 @@ from pymc_ship.records.files.quality_flags import ground_remarks, quality_remark
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.ships.ensemble.files import FOLDER, load_ship, save_ship
 from pymc_ship.ships.ensemble.ship import Ship
-from pymc_ship.trial.record import facility_of
 
 _DESIGN_DRAWS = 400  # draws of a posterior that a design simulates
 
@@ -185,7 +184,7 @@ def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Forecast manoeuvres and write the page; the text has indices and probabilities of the IMO criteria."""
-    from pymc_ship.ships.forecasting.forecast import recorded_forecast
+    from pymc_ship.ships.forecasting.forecast import known_facility, recorded_forecast
     from pymc_ship.ships.forecasting.page import measured_doubts, write_forecast_page
     from pymc_ship.ships.forecasting.steady_turns import spiral_sentence, steady_turns
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
@@ -216,7 +215,8 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
         if label in measured and all(one is None for one in stated):
             trees[label] = recorded_forecast(ship, *measured[label], **settings)
         else:
-            facility = args.facility or _facility(ship, measured.get(label))
+            at = known_facility(ship, measured[label][1]) if label in measured else None
+            facility = args.facility or at
             trees[label] = ps.forecast(ship, manoeuvre, facility=facility, **settings, **around)
         reference = _reference(manoeuvre, source.reference, trees[label], **around)
         text.append(_text(trees[label], label, measured, ship.vessel, reference))
@@ -319,12 +319,6 @@ def _measured(args: argparse.Namespace, ship: Ship, progress: Progress) -> dict[
         label = manoeuvre.label if manoeuvre.label not in recognised else f"{manoeuvre.label} {name}"
         recognised[label] = manoeuvre, trial
     return recognised
-
-
-def _facility(ship: Ship, measured: tuple[Manoeuvre, xr.Dataset] | None) -> str | None:
-    """Facility of a measured trial, if the ship was identified at it."""
-    name = facility_of(measured[1]) if measured else ""
-    return name if name and name in ship.facilities else None
 
 
 def _text(

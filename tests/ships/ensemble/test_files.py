@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.ships.ensemble.files import FORMAT, MIGRATIONS
@@ -104,6 +105,7 @@ WRONG = [
     (("terms", 0, "log_density", 0), "text"),
     *(((key,), bad) for key in ("facilities", "index_error", "motion_error") for bad in (None, 3, ["a"], {"": 3})),
     (("motion_error", "u", 0), []),
+    (("motion_error", "u"), []),
     (("facilities", "", "rudder_delay"), GONE),
     *((("held_out_indices", 0, key), GONE) for key in ("run", "manoeuvre", "index", "kind", "measured_sd")),
     (("held_out_indices", 0, "index"), ["a"]),
@@ -202,3 +204,20 @@ class TestEarlierFormats:
         assert density.size == 2 + 3  # windows of a lone run are held out in three parts
         assert density[:2].tolist() == [9.989009648832024, 8.596577658306643]
         assert identification.ship.held_out_indices.sizes["run"] == 2
+
+
+@pytest.mark.parametrize("lacking", ["inflation", "coefficient"])
+def test_a_posterior_of_another_form_is_refused_with_its_file(lacking, tmp_path):
+    at = Path(shutil.copytree(SAVED / f"format_{max(MIGRATIONS)}", tmp_path / "at"))
+    index = json.loads((at / "model" / "ship.json").read_text(encoding="utf-8"))
+    path = at / "model" / f"{index['terms'][0]['file']}.nc"
+    with xr.open_datatree(path) as file:
+        tree = file.load()
+    if lacking == "inflation":
+        del tree.attrs["inflation"]
+    else:
+        tree["posterior"] = tree["posterior"].to_dataset().isel(coefficient=slice(2, None))
+    tree.to_netcdf(path)
+    write_index(at / "model", index)
+    with refused(ps.VesselError, path.name):
+        ps.load_ship(at)

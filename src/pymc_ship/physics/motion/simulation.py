@@ -36,8 +36,6 @@ from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 
 INTEGRATORS = (*METHODS, "dop853")  # methods of simulate: two with a fixed step, one with controlled error
-
-
 _MOST_STEPS = 10**8  # of a simulation
 
 

@@ -49,6 +49,7 @@ _FORM: dict[str, Any] = {
 """Form of an index by key: a type, a list of one form, a table by key or, under ``*``, of any keys, or choices."""
 _LATER = {"extrapolation_growth": _LAW, "harder_indices": [_ROW]}  # keys that older formats do not have
 _LIKELIHOOD = ("motion", "design", "response", "prior_mean", "prior_scale")
+_FACTORS = ("inflation", "design_effect")
 _CHAINS = 4
 
 
@@ -148,7 +149,10 @@ def load_ship(out: str | Path) -> Ship:
         if not set(_LIKELIHOOD) <= set(constant):
             raise _other_format(folder, path.with_suffix(".nc").name, _LIKELIHOOD)
         motion = constant["motion"]
-        members.append(_member(entry, vessel, tree, constant))
+        try:
+            members.append(_member(entry, vessel, tree, constant))
+        except KeyError:  # of a coefficient or an attr
+            raise _other_format(folder, path.with_suffix(".nc").name, ("coefficients", *_FACTORS)) from None
     return Ship(
         members=tuple(members),
         motion=motion,
@@ -196,7 +200,8 @@ def _read_index(folder: Path) -> dict:
 def _has_form(value: Any, form: Any) -> bool:
     """Whether a value of an index has a form of :data:`_FORM`."""
     if isinstance(form, list):
-        return isinstance(value, list) and all(_has_form(one, form[0]) for one in value)
+        is_empty_law = form is _LAW and not value
+        return isinstance(value, list) and not is_empty_law and all(_has_form(one, form[0]) for one in value)
     if isinstance(form, type):
         return isinstance(value, int | float if form is float else form) and (form is bool) == isinstance(value, bool)
     if form is UNITS or isinstance(form, tuple):
@@ -223,7 +228,7 @@ def _member(entry: Mapping, vessel: Vessel, tree: xr.DataTree, constant: Mapping
         prior_scale=constant["prior_scale"].values,
     )
     attrs = _current_names(tree.attrs)
-    factors = {name: attrs[name] for name in ("inflation", "design_effect")}
+    factors = {name: attrs[name] for name in _FACTORS}
     return Member(entry["name"], vessel, rows, reference_coefficients(vessel), entry["weight"], likelihood, **factors)
 
 
@@ -253,7 +258,7 @@ def _tree(member: Member, likelihood: EarlierLikelihood, ship: Ship, made_by: st
     posterior = xr.Dataset({"coefficients": (("chain", "draw", "coefficient"), values)}, coords)
     attrs = {"method": "windows", "vessel": member.vessel.name, "dof": " ".join(member.vessel.dofs)}
     attrs |= {"terms": member.name}
-    attrs |= {name: getattr(member, name) for name in ("weight", "inflation", "design_effect")}
+    attrs |= {name: getattr(member, name) for name in ("weight", *_FACTORS)}
     attrs |= {"prior": ship.prior, "made_by": made_by, **provenance(CITATIONS["windows"])}
     constant_data = {
         "motion": ship.motion,

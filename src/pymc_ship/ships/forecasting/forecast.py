@@ -123,6 +123,12 @@ def forecast(
     return tree
 
 
+def known_facility(ship: Ship, trial: xr.Dataset) -> str | None:
+    """Facility of a trial, if the ship was identified at it."""
+    name = facility_of(trial)
+    return name if name and name in ship.facilities else None
+
+
 def recorded_forecast(
     ship: Ship, manoeuvre: Manoeuvre, trial: xr.Dataset, *, rng: np.random.Generator, draws: int = 1000, **settings: Any
 ) -> xr.DataTree:
@@ -130,15 +136,16 @@ def recorded_forecast(
 
     A term set without forces of wind is simulated without it.
     """
-    facility = facility_of(trial) if facility_of(trial) in ship.facilities else None
-    models, wind = thinned_draws(_models_at_facility(ship, facility or None), draws), wind_off_bow(trial)
+    check_counts(least=2, draws=draws)
+    facility, wind = known_facility(ship, trial), wind_off_bow(trial)
+    models = thinned_draws(_models_at_facility(ship, facility), draws)
     blown = [wind if WIND.name in vessel.parts else None for vessel, _ in models]
-    tree = _ship_forecast(ship, models, manoeuvre, rng, facility or None, winds=blown, **settings)
+    tree = _ship_forecast(ship, models, manoeuvre, rng, facility, winds=blown, **settings)
     if wind is not None and any(blown):
         still = f" {blown.count(None)} of {len(blown)} term sets have no forces of wind." if None in blown else ""
         tree.attrs["steering"] += (
-            f" The forecast has the mean wind of the record, {wind[0]:.3g} m/s from {wind[1]:.0f} deg off the bow of "
-            f"the approach.{still}"
+            f" The forecast has the mean wind of the record, {wind[0]:.3g} m/s from {round(wind[1]) % 360} deg off the "
+            f"bow of the approach.{still}"
         )
     return tree
 

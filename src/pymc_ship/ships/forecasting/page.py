@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -110,7 +109,7 @@ def write_forecast_page(
     vessel = ship.vessel if vessel is None else as_vessel(vessel)
     measured = {} if measured is None else measured
     check_kind("measured", measured, Mapping, "give a dict of trials by the name of their forecast")
-    _check_forecasts(forecasts)
+    check_kind("forecasts", forecasts, Mapping, "give a dict of forecasts by name")
     for argument, given in (("turns", turns), ("stop", stop)):
         if given is not None:
             check_kind(argument, given, xr.Dataset, "make it by ps.steady_turns or ps.stopping")
@@ -120,6 +119,7 @@ def write_forecast_page(
         raise ShipError(
             f"A measured trial belongs to one of the forecasts {', '.join(forecasts)}; found {unknown[0]!r}; rename it."
         )
+    _check_forecasts(forecasts)
     measured, out = named_trials(measured), writable_folder(out)
     verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
     rows, sections = {"forecast_verdict": verdicts} if verdicts else {}, []
@@ -157,13 +157,14 @@ def write_forecast_page(
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
 
 
-def _check_forecasts(forecasts: Any) -> None:
-    """Raise ShipError for anything else than forecasts by name."""
-    by_name = isinstance(forecasts, Mapping) and not isinstance(forecasts, xr.DataTree)
-    trees = [*forecasts.values()] if by_name else [forecasts]
-    if not by_name or not all(isinstance(tree, xr.DataTree) and "bands" in tree.children for tree in trees):
-        found = ", ".join(short_repr(type(tree)) for tree in trees)
-        raise ShipError(f"forecasts must be a dict of forecasts by name, found {found}; make them by ps.forecast.")
+def _check_forecasts(forecasts: Mapping) -> None:
+    """Raise ShipError for values that are no forecasts, such as the groups of one forecast."""
+    for name, tree in forecasts.items():
+        if not isinstance(tree, xr.DataTree) or "bands" not in tree.children:
+            raise ShipError(
+                f"forecasts must be a dict of forecasts by name, found {short_repr(type(tree))} at {name!r}; make them "
+                "by ps.forecast."
+            )
 
 
 def _head(ship: Ship, forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:

@@ -38,7 +38,7 @@ from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current, logg
 from pymc_ship.ships.sea_trials.form import form_rows, ship_rows
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
 from pymc_ship.ships.sea_trials.uncertainty import uncertainty_budget
-from pymc_ship.trial.record import facility_of, numbered_trials
+from pymc_ship.trial.record import facility_of, numbered_trials, run_names
 
 _UNLIKE = 0.7  # difference of two drifts over one of them, from which they are not of one current
 
@@ -133,6 +133,7 @@ def sea_trial(
     check_callables(progress=progress)
     rng, vessel, trial_conditions = random_generator(rng), as_vessel(vessel), load_conditions(conditions)
     records = numbered_trials(trials)
+    run_names("A sea trial", records, len(records))
     if ship is not None:
         check_kind("ship", ship, Ship, "give that of identify_ship, or leave it out", VesselError)
     loaded = None if full_load is None else as_vessel(full_load)
