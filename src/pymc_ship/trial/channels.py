@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from pymc_ship.machine.arguments import check_kind
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.trial.units import (
@@ -202,6 +201,8 @@ def register_channel(channel: Channel) -> None:
     TrialError
         For anything else, and when its name is taken.
     """
+    from pymc_ship.machine.arguments import check_kind  # with NumPy, which --help does without
+
     check_kind("A channel", channel, Channel, "make one by ps.Channel", TrialError)
     if channel.name in file_columns():
         raise TrialError(

@@ -112,12 +112,12 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
             f"coefficients of {vessel.name!r}, found {int(np.isfinite(prior.scale).sum())} of {prior.scale.size}; use "
             "coefficient_prior with order_damped."
         )
-    if set(tests.dims) != {"test"} or not {"u", "v", "r", "delta"} <= set(tests):
-        found = ", ".join(map(str, (*tests.dims, *tests))) or "none"
-        raise TrialError(f"Captive tests have u, v, r and delta over the dim test, found {found}; use read_captive.")
     bad = [str(name) for name, values in tests.items() if not np.isfinite(values.values).all()]
     if bad:
         raise TrialError(f"Captive tests must be finite, found NaN or infinity in {', '.join(bad)}; drop such tests.")
+    if set(tests.dims) != {"test"} or not {"u", "v", "r", "delta"} <= set(tests):
+        found = ", ".join(map(str, (*tests.dims, *tests))) or "none"
+        raise TrialError(f"Captive tests have u, v, r and delta over the dim test, found {found}; use read_captive.")
     tests = nominal_revolution_tests(tests, vessel)
     if not tests.sizes["test"]:
         raise TrialError(

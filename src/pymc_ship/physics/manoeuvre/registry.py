@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pymc_ship.machine.arguments import check_kind
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreKind
 from pymc_ship.physics.manoeuvre.turning_circles import PULL_OUT, TURNING_CIRCLE
@@ -23,6 +22,8 @@ def register_manoeuvre(kind: ManoeuvreKind) -> None:
     SimulationError for anything else, and if another kind has its name or option.
     ``del KINDS[kind.name]`` removes it again.
     """
+    from pymc_ship.machine.arguments import check_kind  # with NumPy, which --help does without
+
     check_kind("A kind of manoeuvre", kind, ManoeuvreKind, "make one by ps.ManoeuvreKind", SimulationError)
     for known in KINDS.values():
         if kind.name == known.name or (kind.option and kind.option == known.option):

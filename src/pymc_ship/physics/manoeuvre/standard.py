@@ -202,7 +202,7 @@ def direct_spiral(
     if not (_STEP < number_or_nan(hold) < np.inf and abs(steps * step_deg - rudder_deg) < 1e-9 * rudder_deg):
         raise SimulationError(
             "A direct spiral holds each angle for some time and goes on in steps that divide the largest, found "
-            f"{rudder_deg:g} deg in steps of {step_deg:g} deg held for hold = {short_repr(hold)} s; correct it."
+            f"{rudder_deg:g} deg in steps of {step_deg:g} deg held for {short_repr(hold)} s; correct it."
         )
     there = np.linspace(rudder_deg, -rudder_deg, 2 * steps + 1)
     angles = np.append(there, there[-2::-1])

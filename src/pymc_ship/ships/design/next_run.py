@@ -18,7 +18,7 @@ from pymc_ship.machine.arguments import check_callables, check_counts, number_or
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.indices import indices
-from pymc_ship.physics.manoeuvre.standard import STANDARD, Manoeuvre, one_manoeuvre, pull_out, turning_circle, zigzag
+from pymc_ship.physics.manoeuvre.standard import STANDARD, Manoeuvre, pull_out, turning_circle, zigzag
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.motion.simulation import simulate
@@ -148,7 +148,8 @@ def design(
     check_counts(SimulationError, least=2, draws=draws)
     check_callables(progress=progress)
     ship, by_label, targeted = as_ship(ship), _manoeuvres_by_label(candidates), _manoeuvres_by_label(interest)
-    have_indices = [bool(one.traits.indices) for one in (*by_label.values(), *targeted.values())]
+    given = (*by_label.values(), *targeted.values())
+    have_indices = [isinstance(one, Manoeuvre) and bool(one.traits.indices) for one in given]
     if not by_label or not targeted or not all(have_indices):
         raise SimulationError(
             "A design needs one candidate and one target manoeuvre or more that have indices, found "
@@ -352,10 +353,12 @@ def _choose_runs(design: _Design, candidate_runs: Mapping[str, _Run], n: int, se
 def _manoeuvres_by_label(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
     """Manoeuvres by their label, or by their own label and approach speed, with a number where it repeats."""
     if isinstance(manoeuvres, Mapping):
-        return {name: one_manoeuvre(one) for name, one in manoeuvres.items()}
+        return dict(manoeuvres)
     labelled: dict[str, Manoeuvre] = {}
-    for one in map(one_manoeuvre, manoeuvres if isinstance(manoeuvres, Iterable) else [manoeuvres]):
-        label = one.label + (f" from {one.approach_speed:g} m/s" if one.approach_speed else "")
+    for one in manoeuvres if isinstance(manoeuvres, Iterable) else [manoeuvres]:
+        label = short_repr(one)
+        if isinstance(one, Manoeuvre):
+            label = one.label + (f" from {one.approach_speed:g} m/s" if one.approach_speed else "")
         same = sum(name.split(" #")[0] == label for name in labelled)
         labelled[f"{label} #{same + 1}" if same else label] = one
     return labelled
