@@ -101,3 +101,30 @@ def test_a_current_is_neither_a_lag_nor_a_scale_of_v(name, interval, direction):
     checks = checks_by_name(noisy(run), vessel)
     assert alarms(checks) - {"approach"} <= {"heading offset", "speed", "track closure"}
     assert {checks[one].verdict for one in ("velocity lag", "lever arm", "sway sign")} == {"good"}
+
+
+@pytest.fixture(scope="module")
+def tanker():
+    return ps.load_vessel("kvlcc2")
+
+
+@pytest.fixture(scope="module")
+def two_rounds(tanker):
+    """A circle of two rounds in a current of 0.5 m/s, with noise."""
+    run = ps.simulate(tanker, ps.turning_circle(35), duration=2400, record_interval=2.0, current=(0.5, 70.0))
+    return noisy(run)
+
+
+def test_velocities_over_ground_drift_with_the_track_of_a_circle(tanker, two_rounds):
+    """Those through the water miss it by the current."""
+    flow = 0.5 * np.exp(1j * (np.deg2rad(70.0) - two_rounds["psi"].values))
+    ground = changed(two_rounds, u=two_rounds["u"].values + flow.real, v=two_rounds["v"].values + flow.imag)
+    for trial, words in ((ground, "over ground"), (two_rounds, "use velocities through the water")):
+        check = checks_by_name(trial, tanker)["track closure"]
+        assert (check.verdict, words in check.sentence) == ("doubtful", True)
+    assert checks_by_name(ground.assign_attrs(speeds="over ground"), tanker)["track closure"].verdict == "good"
+
+
+def test_a_circle_of_two_rounds_in_a_current_is_that_of_its_ship(tanker, two_rounds):
+    """Neither a course instead of a heading, nor the low speed of a long turn, is found in it."""
+    assert alarms(checks_by_name(two_rounds, tanker)) <= {"track closure", "speed", "sampling"}

@@ -7,10 +7,10 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.records.steering.current import drift_current
 from pymc_ship.ships.sea_trials import corrections
 from pymc_ship.ships.sea_trials.conditions import Conditions
 from pymc_ship.ships.sea_trials.corrections import mean_wind
-from pymc_ship.ships.sea_trials.current import drift_current
 from pymc_ship.trial.record import OVER_GROUND
 from tests.ships.ensemble.cases import ship_of
 from tests.ships.sea_trials.cases import CURRENT, WIND, run_record, ship, tanker

@@ -9,7 +9,6 @@ import numpy as np
 
 import pymc_ship as ps
 from pymc_ship.ships.sea_trials.conditions import load_conditions
-from pymc_ship.ships.sea_trials.current import drift_current
 from tests.sentences import wording
 from tests.ships.ensemble.cases import ship_of
 from tests.ships.sea_trials.cases import run_record, ship, tanker
@@ -54,8 +53,6 @@ test_trial_errors = wording(
         "found 200 m and 320 m",
         lambda: at_full_load(replace(tanker(), particulars=replace(tanker().particulars, L=200.0)), ship=ship()),
     ),
-    ("630 deg at least, found 4", lambda: drift_current(run_record(CIRCLE, 1100, wind=None))),
-    ("x, y missing", lambda: drift_current(run_record(CIRCLE, 2400, wind=None).drop_vars(["x", "y"]))),
     ("No run is of a standard manoeuvre", without_a_manoeuvre),
 )
 

@@ -24,6 +24,7 @@ from pymc_ship.records.checks.verdicts import (
     straight_approach,
 )
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
+from pymc_ship.records.steering.current import roll_angle
 from pymc_ship.trial.record import has_ground_speeds, sampling_interval, second_difference_sd
 
 SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1  # scale error of a rate from which it is doubtful, and from which it is bad
@@ -201,11 +202,6 @@ def _rate_offset_check(rate: str, angle: str, offset: float, error: float, scale
     return Check(name, "good", f"{rate} has no offset that matters ({degrees:+.2g} deg/s).", numbers)
 
 
-def roll_angle(trial: xr.Dataset) -> np.ndarray:
-    """Roll angle [rad] of a trial, 0 if not measured."""
-    return trial["phi"].values if "phi" in trial else np.zeros(trial.sizes["time"])
-
-
 def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Heading against the course over ground: psi in deg or another frame (both r and psi may be wrong alike)."""
     if reason := missing_channels_text(trial, ("x", "y", "psi")):
@@ -232,7 +228,9 @@ def _no_drift_text(trial: xr.Dataset, scale: ShipScale, psi: np.ndarray, drift: 
     interval = ship_blocks(trial, scale, YAW_BLOCK).size * sampling_interval(trial)
     turning = np.gradient(psi, interval / scale.time)  # rL/U
     throughout = np.quantile(np.abs(turning), 0.05) > 0.5 * np.abs(turning).max()  # shows the ratio, and no slope
-    (slope, *_), (error, *_), _ = least_squares([turning, *([] if throughout else [np.ones(drift.size)])], drift)
+    columns = [] if throughout else [np.ones(drift.size)]
+    columns += [np.cos(psi), np.sin(psi)] if np.ptp(psi) > 2.0 * np.pi else []  # of a current
+    (slope, *_), (error, *_), _ = least_squares([turning, *columns], drift)
     if slope + SIGNIFICANT * error > NO_DRIFT:
         return ""
     text = f"The course over ground has a drift angle of {slope:.2g} rL/U (ships: 0.3 to 0.7): {COURSE}, or the "

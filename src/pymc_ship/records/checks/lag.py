@@ -16,10 +16,10 @@ from pymc_ship.records.checks.track import (
     earth_velocity,
     lever_fit,
     track_blocks,
-    turned_to_earth,
 )
 from pymc_ship.records.checks.verdicts import Check, Numbers, missing_channels_text, not_checked
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, variance_inflation
+from pymc_ship.records.steering.current import turned_to_earth
 from pymc_ship.trial.record import sampling_interval
 
 LAG = 0.01  # lag over L/U from which it is corrected

@@ -96,6 +96,11 @@ class _Motion:
         return float(np.quantile(self.U, 0.95))
 
     @property
+    def fastest(self) -> float:
+        """Speed [m/s] exceeded for L/U: that of the approach, which is a small part of two rounds of a circle."""
+        return float(np.sort(self.U)[-round(1.0 / _BLOCK) :][0])
+
+    @property
     def ahead(self) -> np.ndarray:
         """Whether the ship makes way ahead in a block, with a drift and a speed that models cover."""
         return (self.u > SLOW * self.fast) & (np.abs(self.v) <= DRIFT * self.U)
@@ -123,8 +128,8 @@ def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
     constant, lag = np.ones(motion_ahead.r.size), np.gradient(motion.r, motion.interval)[ahead]
     if motion.L and motion.nominal:
         quantities["rL/U"] = (float(np.quantile(np.abs(motion_ahead.r) / motion_ahead.U, 0.99)) * motion.L, 0.0)
-        quantities["Froude number"] = (motion.fast / np.sqrt(GRAVITY * motion.L), 0.0)
-        quantities["speed"] = (motion.fast / motion.nominal, 0.0)
+        quantities["Froude number"] = (motion.fastest / np.sqrt(GRAVITY * motion.L), 0.0)
+        quantities["speed"] = (motion.fastest / motion.nominal, 0.0)
         (slope, *_), (error, *_), _ = least_squares([motion_ahead.r, lag, constant], motion_ahead.v)
         quantities["pivot point"] = (-float(slope) / motion.L, float(error) / motion.L)
     if motion.phi is not None:
@@ -167,11 +172,11 @@ def _corrected_vessel_files(motion: _Motion) -> dict[str, _Motion]:
     """The motion with each possible mistake of the vessel file corrected, by the mistake."""
     if not (motion.L and motion.nominal):
         return {}
-    root = motion.nominal / motion.fast
+    root = motion.nominal / motion.fastest
     scaled = replace(motion, u=root * motion.u, v=root * motion.v, r=motion.r / root, interval=motion.interval * root)
     corrected = {
         f"the record is at a scale of 1:{root**2:.3g} to the vessel file (Froude)": scaled,
-        _nominal(motion.fast, motion.nominal): replace(motion, nominal=motion.fast),
+        _nominal(motion.fastest, motion.nominal): replace(motion, nominal=motion.fastest),
     }
     pivot = _quantities(motion).get("pivot point", (0.0, 0.0))[0]
     if pivot > 0.0:
@@ -180,10 +185,10 @@ def _corrected_vessel_files(motion: _Motion) -> dict[str, _Motion]:
     return corrected
 
 
-def _nominal(fast: float, nominal: float) -> str:
+def _nominal(fastest: float, nominal: float) -> str:
     """Description of a wrong nominal speed in the vessel file."""
-    text, metres = f"the speed in the record is {fast:.3g} m/s", nominal * KNOT
-    if 0.9 < metres / fast < 1.1:
+    text, metres = f"the speed in the record is {fastest:.3g} m/s", nominal * KNOT
+    if 0.9 < metres / fastest < 1.1:
         return f"the vessel file has its nominal speed in knots ({text}; {nominal:.3g} knots are {metres:.3g} m/s)"
     return f"the vessel file has the wrong nominal speed ({text})"
 

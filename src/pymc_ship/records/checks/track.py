@@ -10,10 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.records.checks.kinematics import YAW_BLOCK, roll_angle
+from pymc_ship.machine.errors import TrialError
+from pymc_ship.records.checks.kinematics import YAW_BLOCK
 from pymc_ship.records.checks.mistakes import COURSE, speed_units
 from pymc_ship.records.checks.verdicts import Check, integral, missing_channels_text, not_checked
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
+from pymc_ship.records.steering.current import drift_current, ground_speed_text, roll_angle, turned_to_earth
 from pymc_ship.trial.record import sampling_interval
 
 LEVER = 0.005  # lever arm over L from which it matters: error of v' per r'
@@ -84,13 +86,6 @@ def earth_velocity(trial: xr.Dataset, axes: str = "body", sign: float = 1.0) -> 
     """x_dot and y_dot [m/s] from u and v of a trial in body or earth axes."""
     u, v = trial["u"].values, sign * trial["v"].values
     return (u, v) if axes == "earth" else turned_to_earth(u, v, trial)
-
-
-def turned_to_earth(u: np.ndarray, v: np.ndarray, trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """x_dot and y_dot [m/s] of body-fixed u and v [m/s] at the heading and heel of a trial."""
-    psi, sway = trial["psi"].values, v * np.cos(roll_angle(trial))
-    cos, sin = np.cos(psi), np.sin(psi)
-    return u * cos - sway * sin, u * sin + sway * cos
 
 
 def body_velocity(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -212,6 +207,17 @@ def lever_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     return Check("lever arm", "good", text, numbers)
 
 
+def _drift_of_the_log(trial: xr.Dataset, least: float) -> str:
+    """Sentence on a log that drifts with the track of a circle by more than ``least`` [m]; empty without one."""
+    try:
+        current = drift_current(trial)
+    except TrialError:
+        return ""
+    duration = float(np.ptp(trial["time"].values))
+    is_certain = current.speed > max(SIGNIFICANT * float(current.sd.max()), least / duration)
+    return ground_speed_text(trial, current) if is_certain else ""
+
+
 def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Drift of the integrated velocity from the track, with and without a current and a scale of the speed.
 
@@ -231,10 +237,12 @@ def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     good, bad = (max(a * scale.L, b * distance) for a, b in (DRIFT_GOOD, DRIFT_BAD))
     text = f"The integrated velocity misses the track by {drift:.3g} m"
     text += "" if "v" in trial else " along the heading"
+    if drift > good and left > bad:
+        return Check("track closure", "bad", f"{text}, {left:.3g} m unexplained; do not fit it.", numbers)
+    if words := _drift_of_the_log(trial, good):
+        return Check("track closure", "doubtful", words, numbers)
     if drift <= good:
         return Check("track closure", "good", f"{text} at most, over {distance:.0f} m.", numbers)
-    if left > bad:
-        return Check("track closure", "bad", f"{text}, {left:.3g} m unexplained; do not fit it.", numbers)
     current = float(np.hypot(*fit[:2]))
     text += f"; a current or offset of {current:.2g} m/s and a scale of {1.0 + fit[2]:.3f} leave {left:.2g} m: "
     text += "use velocities through the water." if left <= good else "the position, or the log, probably slid."

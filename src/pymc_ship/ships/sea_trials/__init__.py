@@ -1,7 +1,6 @@
 """The report of a sea trial by IMO MSC/Circ.1053: conditions, indices as measured and corrected, limits.
 
 - `conditions`: conditions of the trial, and the circular's limits for them.
-- `current`: the current from a turn of two rounds.
 - `loading`: the draws of an identified ship at another draught.
 - `corrections`: measured indices corrected for current, wind and loading.
 - `uncertainty`: the uncertainty budget and conformity.

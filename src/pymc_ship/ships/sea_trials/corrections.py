@@ -23,12 +23,12 @@ from pymc_ship.physics.motion.inputs import recorded_wind
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.current import DriftCurrent, drift_current
 from pymc_ship.records.steering.measured import denoise_motion, finite_indices, index_draws, indices_of_denoised
 from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
 from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, stopping_of_denoised, stopping_order
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.sea_trials.conditions import Conditions
-from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.loading import at_loading
 from pymc_ship.trial.record import has_ground_speeds
 

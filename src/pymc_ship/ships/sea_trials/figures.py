@@ -10,11 +10,11 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, house_style, subplots
+from pymc_ship.records.steering.current import DriftCurrent
 from pymc_ship.records.steering.measured import align_to_first_execute, denoise_motion
 from pymc_ship.ships.forecasting.figures import legend_above
 from pymc_ship.ships.forecasting.steady_turns import draw_curve
 from pymc_ship.ships.sea_trials.corrections import without_current
-from pymc_ship.ships.sea_trials.current import DriftCurrent
 
 _COLUMNS = 3
 

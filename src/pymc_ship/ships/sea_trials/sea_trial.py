@@ -21,6 +21,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.run_set import repeated_runs
 from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.records.files.sides import mirror_remarks
+from pymc_ship.records.steering.current import DriftCurrent, drift_current, ground_speed_text, logged_drift
 from pymc_ship.records.steering.measured import order_delay, order_sentence
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.records.steering.stopping_tests import stopping_order
@@ -34,7 +35,6 @@ from pymc_ship.ships.sea_trials.corrections import (
     mean_wind,
     subtract_wind_drift,
 )
-from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current, logged_drift
 from pymc_ship.ships.sea_trials.form import form_rows, ship_rows
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
 from pymc_ship.ships.sea_trials.uncertainty import uncertainty_budget
@@ -291,18 +291,14 @@ def _currents_of_circles(
         except TrialError as error:
             remarks.append(f"{name} gives no current: {error}")
             continue
-        logged = logged_drift(trials[name])
         if not current.is_certain:
             remarks.append(
                 f"The drift of {name}, {current.speed:.2g} m/s, is not subtracted: with a standard uncertainty of "
                 f"{current.sd.max():.2g} m/s in each direction, its region of 95 % includes 0."
             )
             current = replace(current, velocity=np.zeros(2))
-        elif logged is not None and 2.0 * np.hypot(*logged) < current.speed:
-            remarks.append(
-                f"The track of {name} drifts by {current.speed:.2g} m/s, and its u and v with it: they are over ground "
-                '(state speeds = "over ground"), or wind drives the ship through the water.'
-            )
+        elif (words := ground_speed_text(trials[name], current)) not in trials[name].attrs.get("record_remarks", ""):
+            remarks.append(f"{name}: {words}")
         currents[name] = current
     return currents, remarks
 

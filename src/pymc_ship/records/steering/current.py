@@ -1,6 +1,7 @@
-"""The current of a sea trial, from a turning circle of two rounds (IMO MSC/Circ.1053, 3.4.2.5).
+"""The current in a record: drift of the track from the log, and from one round of a circle to the next.
 
-In a steady turn the displacement over a full round is that of the water and of the wind drift; the transient is fitted.
+In a steady turn the displacement over a full round is that of the water and of the wind drift; the transient is fitted
+(IMO MSC/Circ.1053, 3.4.2.5).
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.steering_record import heading_change, is_manoeuvre
-from pymc_ship.records.checks.track import earth_velocity
 from pymc_ship.records.steering.measured import denoise_motion
 from pymc_ship.trial.record import check_trial, has_ground_speeds
 
@@ -64,14 +64,37 @@ class DriftCurrent:
         return f"{self.speed:.2g} m/s to {round(self.direction) % 360} deg"
 
 
+def roll_angle(trial: xr.Dataset) -> np.ndarray:
+    """Roll angle [rad] of a trial, 0 if not measured."""
+    return trial["phi"].values if "phi" in trial else np.zeros(trial.sizes["time"])
+
+
+def turned_to_earth(u: np.ndarray, v: np.ndarray, trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """x_dot and y_dot [m/s] of body-fixed u and v [m/s] at the heading and heel of a trial."""
+    psi, sway = trial["psi"].values, v * np.cos(roll_angle(trial))
+    cos, sin = np.cos(psi), np.sin(psi)
+    return u * cos - sway * sin, u * sin + sway * cos
+
+
 def logged_drift(trial: xr.Dataset) -> np.ndarray | None:
     """Mean velocity [m/s] of a track to north and east less that of the log; None without a log through the water."""
     if not {"u", "v", "psi", "x", "y"} <= set(trial.data_vars) or has_ground_speeds(trial):
         return None
     time = trial["time"].values
-    log = [np.trapezoid(velocity, time) for velocity in earth_velocity(trial)]
+    log = [np.trapezoid(velocity, time) for velocity in turned_to_earth(trial["u"].values, trial["v"].values, trial)]
     track = [float(trial[name].values[-1] - trial[name].values[0]) for name in ("x", "y")]
     return np.subtract(track, log) / (time[-1] - time[0])
+
+
+def ground_speed_text(trial: xr.Dataset, current: DriftCurrent) -> str:
+    """Sentence on u and v that drift with the track of a circle; empty where its log shows half of the drift."""
+    logged = logged_drift(trial)
+    if logged is None or 2.0 * np.hypot(*logged) >= current.speed:
+        return ""
+    return (
+        f"The track of the circle drifts by {current.speed:.2g} m/s, and u and v with it: they are over ground (state "
+        'speeds = "over ground"), or wind drives the ship through the water.'
+    )
 
 
 def drift_current(trial: xr.Dataset) -> DriftCurrent:
@@ -83,14 +106,14 @@ def drift_current(trial: xr.Dataset) -> DriftCurrent:
     TrialError for a turn that is too short, or a record without a channel.
     """
     check_trial(trial, ("psi", "delta", "x", "y"))
-    smooth = denoise_motion(trial)
     inside = is_manoeuvre(trial)
-    psi, time, x, y = heading_change(smooth)[inside], *(smooth[name].values[inside] for name in ("time", "x", "y"))
-    turned = np.abs(psi[-1] - psi[0])
+    turned = np.abs(np.diff(heading_change(trial)[inside][[0, -1]])[0])
     if turned < _LEAST:
         raise TrialError(
             f"The current needs a turn of 630 deg at least, found {np.rad2deg(turned):.0f} deg; turn longer."
         )
+    smooth = denoise_motion(trial[["psi", "delta", "x", "y"]])
+    psi, time, x, y = heading_change(smooth)[inside], *(smooth[name].values[inside] for name in ("time", "x", "y"))
     forward = np.maximum.accumulate(np.sign(psi[-1]) * psi)
     begin = np.arange(_STEADY, forward[-1] - 2.0 * np.pi + 1e-9, _SPACING)
     when = [np.interp(begin + round_, forward, time) for round_ in (0.0, 2.0 * np.pi)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.ships.sea_trials.current import drift_current
+from pymc_ship.records.steering.current import drift_current
 from tests.ships.sea_trials.cases import CURRENT, run_record
 
 
