@@ -33,6 +33,7 @@ RESIDUAL_MATCH, RESIDUAL_BAD = 0.1, 0.5  # such a residual up to which the rate 
 NOISE_FACTOR = 3.0  # ratio of a residual to the noise of the record from which it is more than noise
 OUTLIER_FRACTION = 0.25  # largest fraction of the blocks that is left out as outliers
 SPEED_BAD = 0.2  # scale error of the speed from which it is bad: larger than by a current or a log
+SMOOTHED = 0.1  # standard deviation [L/U] of a smoother from which r or psi is doubted
 HEADING_DRIFT = 0.2  # drift of the heading [deg] in five L/U from which a gyro offset matters
 MISALIGNED = 0.35  # rad, largest deviation of a compass
 NO_DRIFT = 0.1  # drift angle over rL/U up to which the point of the track has none; ships: 0.3 to 0.7 at midship
@@ -73,9 +74,31 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
         )
         text = f"The integral of {rate} does not follow {angle} in {np.mean(~fit.used):.0%} of the record, between "
         check = replace(check, verdict="doubtful", sentence=f"{text}{begin:.4g} and {end:.4g} s; cut that part out.")
+    if check.verdict == "good" and rate == "r" and (text := _smoothing_text(trial, turning, scale)):
+        check = replace(check, verdict="doubtful", sentence=text)
     drift = ((predicted - measured) / time)[fit.used]
     error = drift.std(ddof=1) / np.sqrt(drift.size) + 0.1 * SCALE_DOUBTFUL * abs(turning.mean())
     return check, _rate_offset_check(rate, angle, drift.mean(), error, scale)
+
+
+def _smoothing_text(trial: xr.Dataset, turning: np.ndarray, scale: ShipScale) -> str:
+    """Sentence on r or psi smoothed to both sides, beside scale, offset and lag of r; empty without it.
+
+    The integral of a rate smoothed with a standard deviation s exceeds the angle by s^2/2 times the acceleration.
+    """
+    blocks, interval = ship_blocks(trial, scale, YAW_BLOCK), sampling_interval(trial)
+    columns = (integral(turning, interval), trial["time"].values, turning, np.gradient(turning, interval))
+    (*_, slope), (*_, error), _ = least_squares(
+        [blocks.increments(column) for column in columns], blocks.increments(trial["psi"].values)
+    )
+    width = float(np.sqrt(2.0 * abs(slope)))
+    if abs(slope) <= SIGNIFICANT * error or width <= SMOOTHED * scale.time:
+        return ""
+    late, early, remedy = ("r", "psi", "take r from psi") if slope < 0.0 else ("psi", "r", "leave psi out")
+    return (
+        f"{late} changes less abruptly than {early}: it is smoothed to both sides, over a standard deviation of "
+        f"{width:.2g} s; take the raw column, or {remedy}."
+    )
 
 
 def _increment_noise(trial: xr.Dataset, rate: np.ndarray, angle: np.ndarray, size: int) -> float:

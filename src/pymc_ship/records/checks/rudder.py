@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.manoeuvre.steering_record import (
+    approach_speed,
     first_execute,
     is_manoeuvre,
     rudder_reversals,
@@ -44,6 +47,8 @@ _TURNING = 0.02  # of the largest yaw rate
 _REVERSED = 0.3  # lesser over larger rudder angle, to both sides
 _PER_LENGTH = 60  # means in L/U
 _MEAN, _SHIFTS = 0.2, np.linspace(-0.4, 0.4, 41)  # L/U of the moving mean; tried shifts
+_ONSETS = np.linspace(-0.8, 0.8, 81)  # L/U; tried shifts of the first movement
+_LEAST_APPROACH = 0.4  # of the samples about the first execute
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
 _FEWEST_READINGS, _ON_THE_STEP = 5, 0.02  # different readings of a step; distance from a multiple of it, in steps
@@ -258,28 +263,62 @@ def rudder_delay_check(trial: xr.Dataset) -> Check:
 
 
 def rudder_timing_check(trial: xr.Dataset, scale: ShipScale) -> Check:
-    """Time of the rudder against the yaw acceleration that it brings, where it is reversed."""
+    """Time of the rudder against the yaw acceleration that it brings, where it is reversed or first put over."""
     name = "rudder timing"
     if reason := missing_channels_text(trial, ("u", "v", "r", "delta")):
         return not_checked(name, reason)
-    if not scale.known or balance(trial["delta"].values, 0.02) < _REVERSED:
-        if _turns_before_the_rudder(trial, scale):
-            text = "The ship turns before the rudder is put over: delta is late; state its delay."
-            return Check(name, "doubtful", text)
-        return not_checked(name, "a rudder that is reversed, and the L of a vessel file, are needed")
-    shift, error = (scale.time * value for value in _yaw_shift(trial, scale))
+    is_reversed = balance(trial["delta"].values, 0.02) >= _REVERSED
+    shift, error, limit = 0.0, np.inf, np.inf
+    if scale.known:
+        shift, error, limit = _reversal_shift(trial, scale) if is_reversed else _onset_shift(trial, scale)
     numbers = (("shift", shift, "s"), ("standard error", error, "s"))
-    if abs(shift) <= max(SHIFTED * scale.time, SHIFT_ERRORS * error):
+    if shift < -limit:
+        text = (
+            f"The ship turns {-shift:.2g} s before the rudder is put over: delta is late; state delay = {-shift:.2g} "
+        )
+        return Check(name, "doubtful", f"{text}for it.", numbers)
+    if not (scale.known and is_reversed) and _turns_before_the_rudder(trial, scale):
+        text = "The ship turns before the rudder is put over: delta is late; state its delay."
+        return Check(name, "doubtful", text)
+    if not np.isfinite(error):
+        return not_checked(name, "it needs the L of a vessel file, and a reversed rudder or a straight approach")
+    if shift <= limit:
         return Check(name, "good", f"The ship turns when the rudder moves (within {abs(shift):.2g} s).", numbers)
-    if shift < 0.0:
-        text = (
-            f"The ship turns {-shift:.2g} s before the rudder moves: delta is late; state delay = {-shift:.2g} for it."
-        )
-    else:
-        text = (
-            f"The ship turns {shift:.2g} s too late for its rudder: delta is an ordered angle, or its clock is ahead."
-        )
+    text = f"The ship turns {shift:.2g} s too late for its rudder: delta is an ordered angle, or its clock is ahead."
     return Check(name, "doubtful", text, numbers)
+
+
+def _onset_shift(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float, float]:
+    """Shift of the first rudder movement [s] that fits Nomoto's equation best, its error, and the largest usual one.
+
+    r = a integral(delta) + b integral(r) + c t + d from L/U before the first execute to L/U after it, with b up to 0.
+    """
+    time, r, begin, interval = trial["time"].values, trial["r"].values, first_execute(trial), sampling_interval(trial)
+    unit = scale.L / max(approach_speed(trial), np.finfo(float).tiny)
+    near = np.abs(time - begin) <= unit
+    if np.mean(time[near] < begin) < _LEAST_APPROACH or near.sum() < _FEWEST_BLOCKS:
+        return 0.0, np.inf, np.inf
+    response, misfits, turned = r[near], [], integral(r, interval)[near]
+    for shift in _ONSETS:
+        pushed = integral(np.interp(time - shift * unit, time, trial["delta"].values), interval)[near]
+        columns = np.column_stack([pushed, time[near] - begin, np.ones(response.size), turned])
+        coefficients = np.linalg.lstsq(columns, response)[0]
+        if coefficients[-1] > 0.0:  # a slow rudder that is shifted would explain a turn without damping
+            columns = columns[:, :-1]
+            coefficients = np.linalg.lstsq(columns, response)[0]
+        misfits.append(float(np.sum((response - columns @ coefficients) ** 2)))
+    shift, error = _least(_ONSETS, misfits, response.size - columns.shape[1])
+    return unit * shift, unit * error, unit * max(SHIFTED, SIGNIFICANT * error)
+
+
+def _least(shifts: np.ndarray, misfits: Sequence[float], freedom: float) -> tuple[float, float]:
+    """Shift of the least sum of squares, by a parabola, and its standard error; infinite where there is no minimum."""
+    best = int(np.clip(np.argmin(misfits), 1, shifts.size - 2))
+    curvature, slope, _ = np.polyfit(shifts[best - 1 : best + 2], misfits[best - 1 : best + 2], 2)
+    if not curvature > 0.0:
+        return 0.0, np.inf
+    shift = np.clip(-0.5 * slope / curvature, shifts[0], shifts[-1])
+    return float(shift), float(np.sqrt(min(misfits) / max(freedom, 1.0) / curvature))
 
 
 def _turns_before_the_rudder(trial: xr.Dataset, scale: ShipScale) -> bool:
@@ -294,8 +333,8 @@ def _turns_before_the_rudder(trial: xr.Dataset, scale: ShipScale) -> bool:
     return bool(departs > SIGNIFICANT * before.std(ddof=1) and departs > _TURNING * np.abs(r).max())
 
 
-def _yaw_shift(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float]:
-    """Shift of the rudder [L/U] that fits a nonlinear equation of yaw best, less the usual one, and its error."""
+def _reversal_shift(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float, float]:
+    """Shift of the rudder [s] that fits a nonlinear equation of yaw best, its error, and the largest usual one."""
     blocks = Blocks(max(int(scale.time / sampling_interval(trial) / _PER_LENGTH), 1))
     interval = blocks.size * sampling_interval(trial)
     size = max(round(_MEAN * scale.time / interval), 2)
@@ -310,12 +349,9 @@ def _yaw_shift(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float]:
         force = _moving_mean(u**2 * np.interp(time - shift * scale.time, time, delta), size)
         force = force - basis @ (basis.T @ force)
         misfits.append(np.sum((left - force * (force @ left) / max(force @ force, np.finfo(float).tiny)) ** 2))
-    best = int(np.clip(np.argmin(misfits), 1, _SHIFTS.size - 2))
-    curvature, slope, _ = np.polyfit(_SHIFTS[best - 1 : best + 2], misfits[best - 1 : best + 2], 2)
-    if not curvature > 0.0:
-        return 0.0, np.inf
-    freedom = max(left.size / size - basis.shape[1] - 2.0, 1.0)
-    return float(-0.5 * slope / curvature) - LEAD, float(np.sqrt(min(misfits) / freedom / curvature))
+    shift, error = _least(_SHIFTS, misfits, left.size / size - basis.shape[1] - 2.0)
+    shift = shift - LEAD if np.isfinite(error) else shift
+    return scale.time * shift, scale.time * error, scale.time * max(SHIFTED, SHIFT_ERRORS * error)
 
 
 def _moving_mean(values: np.ndarray, size: int) -> np.ndarray:
