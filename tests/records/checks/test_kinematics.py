@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 import pymc_ship as ps
 from pymc_ship.records.checks.kinematics import RateFit, _rate_scale_check
 from pymc_ship.records.checks.mistakes import UNEXPLAINED
 from pymc_ship.records.checks.track import earth_velocity
 from pymc_ship.trial.units import KNOT
-from tests.records.checks.cases import alarms, changed, checks_by_name, lever, noisy, offset, simulated, steered, units
+from tests.records.checks.cases import (
+    INTERVAL,
+    alarms,
+    changed,
+    checks_by_name,
+    lever,
+    noisy,
+    offset,
+    simulated,
+    steered,
+    units,
+)
 
 
 def roll_offset(trial):
@@ -175,3 +189,16 @@ def test_a_turn_whose_begin_is_not_recorded_is_sound(container, begin):
     checks = checks_by_name(read.sel(time=slice(begin, None)), container)
     assert checks["heading"].verdict == "good"
     assert checks["noise"].verdict == "good"
+
+
+@pytest.mark.parametrize(("name", "other"), [("r", "psi"), ("psi", "r")])
+def test_a_channel_that_is_smoothed_to_both_sides_is_doubted(zigzag, container, name, other):
+    """Over 0.3 L/U; without orders the rudder cannot show it. Then the time of the rudder is not judged."""
+    width = 0.3 * container.particulars.ship_time
+    smooth = gaussian_filter1d(zigzag[name].values, width / INTERVAL)
+    checks = checks_by_name(changed(zigzag, **{name: smooth}), container)
+    check = checks["yaw rate"]
+    assert (check.verdict, check.sentence.split(":")[0]) == ("doubtful", f"{name} changes less abruptly than {other}")
+    assert float(re.search(r"deviation of ([\d.]+) s", check.sentence).group(1)) == pytest.approx(width, rel=0.4)
+    assert checks["rudder timing"].verdict == "not checked"
+    assert checks_by_name(zigzag, container)["yaw rate"].verdict == "good"

@@ -7,7 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.records.checks.mistakes import PSI_LATE, R_DRIFTS, R_LATE, UNEXPLAINED
+from pymc_ship.records.checks.mistakes import PSI_LATE, R_CLIPPED, R_DRIFTS, R_LATE, UNEXPLAINED
 from pymc_ship.records.files.columns import AIS
 from pymc_ship.trial.record import OVER_GROUND
 from tests.records.checks.cases import alarms, changed, checks_by_name, noisy, simulated, with_samples
@@ -272,3 +272,19 @@ def test_a_track_in_another_unit_is_named_with_its_key(zigzag, container, unit, 
     check = checks_by_name(scaled("x y", 1.0 / metres)(zigzag), container)["speed"]
     assert check.verdict == "bad"
     assert f'state unit = "{unit}" for x and y' in check.sentence
+
+
+@pytest.mark.parametrize("run", ["zigzag", "circle"])
+@pytest.mark.parametrize("part", [0.6, 0.85])
+def test_a_clipped_yaw_rate_is_named_also_beneath_its_noise(request, container, run, part):
+    """A rate of another scale is not: it does not match the heading in the rest of the record either."""
+    trial = request.getfixturevalue(run)
+    r = trial["r"].values
+    largest = part * np.quantile(np.abs(r), 0.98)
+    read = np.clip(r, -largest, largest)
+    check = checks_by_name(changed(trial, r=read), container)["frozen channels"]
+    assert (check.verdict, "r stays at its largest value" in check.sentence) == ("bad", True)
+    checks = checks_by_name(noisy(changed(trial, r=read), seed=2), container)
+    assert run == "circle" or checks["yaw rate"].verdict == "bad"
+    assert run == "circle" or R_CLIPPED in checks["yaw rate"].sentence
+    assert R_CLIPPED not in checks_by_name(changed(trial, r=r / part), container)["yaw rate"].sentence

@@ -276,3 +276,19 @@ def test_a_rudder_beyond_usual_angles_may_be_in_percent(zigzag, container, degre
     check = checks_by_name(changed(zigzag, delta=degrees / largest * zigzag["delta"].values), container)["rudder unit"]
     assert check.verdict == verdict
     assert verdict == "good" or "percent" in check.sentence
+
+
+@pytest.mark.parametrize("name", ["container", "kvlcc2"])
+@pytest.mark.parametrize("known", ["order", "noise"])
+def test_an_indicator_that_is_clipped_is_found_by_the_order_or_by_its_noise(name, known):
+    """At 25 deg in a circle at 35 deg; the record that is not clipped is good."""
+    vessel = ps.load_vessel(name)
+    run = circle_with_late_rudder(vessel, 90.0, 0.0)
+    time, delta = run["time"].values, run["delta"].values
+    delta = delta + np.deg2rad(0.2) * np.random.default_rng(1).standard_normal(time.size) * (known == "noise")
+    read = np.clip(delta, -np.deg2rad(25.0), None)
+    order = {"delta_command": ("time", np.deg2rad(-35.0) * (time > 89.0))} if known == "order" else {}
+    check = checks_by_name(changed(run, delta=read).assign(order), vessel)["rudder angle"]
+    assert (check.verdict, "range of" in check.sentence, "25 deg" in check.sentence) == ("doubtful", True, True)
+    check = checks_by_name(changed(run, delta=delta).assign(order), vessel)["rudder angle"]
+    assert check.verdict == ("good" if known == "order" else "not checked")

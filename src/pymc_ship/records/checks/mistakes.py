@@ -16,13 +16,15 @@ import xarray as xr
 
 from pymc_ship.records.checks.verdicts import integral
 from pymc_ship.records.files.columns import CODES
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import sampling_interval, second_difference_sd
 from pymc_ship.trial.units import KNOT
 
 BETTER, PAIR = 2.0, 2.0  # ratio of misfits from which a mistake explains a record, and a pair a single one's
 EXPLAINED = 0.2  # largest misfit over its signal of a record that is explained
 UNEXPLAINED = "no known mistake, or pair, explains it"
 _AS_NEAR = 0.02  # difference of logarithms up to which two units explain a speed alike
+_TOP, _NOISE = 0.99, 5.0  # quantile of |r|, and sd of its noise below that, of a clipped r
+_MATCHES = 0.1  # scale error of the rest of it
 _DEG = np.pi / 180.0
 
 Mend = Callable[[xr.Dataset], xr.Dataset]
@@ -94,6 +96,18 @@ def _in_time(trial: xr.Dataset, name: str) -> xr.Dataset:
     return moved if lag > 0.0 else trial
 
 
+def _unclipped(trial: xr.Dataset) -> xr.Dataset:
+    """Trial whose r is the slope of psi where it has its largest size; unchanged where the rest does not match psi."""
+    if not {"r", "psi"} <= set(trial):
+        return trial
+    r, slope = trial["r"].values, np.gradient(np.unwrap(trial["psi"].values), sampling_interval(trial))
+    clipped = np.abs(r) >= np.quantile(np.abs(r), _TOP) - _NOISE * float(second_difference_sd(r[None])[0])
+    rest = np.where(clipped, 0.0, r)
+    if abs(rest @ slope - rest @ rest) > _MATCHES * (rest @ rest):
+        return trial
+    return changed(trial, r=np.where(clipped, slope, r))
+
+
 def _without_drift(trial: xr.Dataset) -> xr.Dataset:
     """Trial without the linear drift of the offset of r against psi."""
     if not {"r", "psi"} <= set(trial):
@@ -139,6 +153,7 @@ def speed_units(factor: float, width: float) -> tuple[str, str]:
 SIGNS = tuple(_reversed(name) for name in ("delta", "v", "r"))  # that one run alone may have
 
 COURSE = "psi is the course over ground"
+R_CLIPPED = "r is clipped at the range of its sensor"
 R_LATE, PSI_LATE, R_DRIFTS = "r is late or smoothed by a filter", "psi is late", "the offset of r drifts"
 
 MISTAKES = (
@@ -160,6 +175,7 @@ MISTAKES = (
         remedy="take r from psi, or a gyro without the filter",
         gradual=True,
     ),
+    Mistake("r", R_CLIPPED, _unclipped, remedy="take r from psi"),
     Mistake("psi", PSI_LATE, partial(_in_time, name="psi"), remedy="correct the clock of psi"),
     Mistake("psi", COURSE, _without_drift_angle, remedy="take the heading of a compass"),
     Mistake("r", R_DRIFTS, _without_drift, remedy="take r from psi, or calibrate the gyro", gradual=True),

@@ -343,15 +343,18 @@ def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         text = f"delta stands still for {duration:.3g} s while the ship begins a turn and ends it: the "
         text += "rudder indicator is stuck; cut that part out."
         return Check("frozen channels", "bad", text, (("frozen, delta", duration, "s"),))
-    longest = {name: interval * _longest_frozen(trial, name, names, scale.time / interval) for name in names}
+    runs = {name: _longest_frozen(trial, name, names, scale.time / interval) for name in names}
+    longest = {name: interval * (run.stop - run.start) for name, run in runs.items()}
     numbers = tuple((f"frozen, {name}", duration, "s") for name, duration in longest.items() if duration > 0.0)
     if not numbers:
         return Check("frozen channels", "good", "No channel stands still while the ship moves.")
     worst = max(longest, key=longest.__getitem__)
     verdict = "bad" if longest[worst] > scale.time else "doubtful"
-    text = (
-        f"{worst} stands still for {longest[worst]:.3g} s while the ship moves; cut that part out or mend the sensor."
-    )
+    size, duration = np.abs(trial[worst].values), f"for {longest[worst]:.3g} s while the ship moves"
+    text = f"{worst} stands still {duration}; cut that part out or mend the sensor."
+    if size[runs[worst].start] == size.max():
+        text = f"{worst} stays at its largest value {duration}: it is clipped at the range of its sensor, or stuck; "
+        text += "leave it out."
     return Check("frozen channels", verdict, text, numbers)
 
 
@@ -363,12 +366,12 @@ def without_still_channels(trial: xr.Dataset, check: Check) -> xr.Dataset:
     return trial.drop_vars(still).assign_attrs(still_channels=still)
 
 
-def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: float) -> int:
-    """Samples in the longest run of equal values during which another velocity changes by 5 % of its range."""
+def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: float) -> slice:
+    """Longest run of equal values, in samples, during which another velocity changes by 5 % of its range."""
     edges = np.flatnonzero(np.diff(trial[name].values, prepend=np.nan, append=np.nan) != 0.0)
     rounded = edges.size < ROUNDED * (trial.sizes["time"] - np.diff(edges).max())
     least = max(10, round(ship_time * (1.0 if rounded else FROZEN)))
-    longest = 0
+    longest = slice(0, 0)
     others = [trial[other].values for other in names if other in STATE[:3] and other != name]
     for run in np.flatnonzero(np.diff(edges) >= least):
         start, stop = edges[run], edges[run + 1]
@@ -376,7 +379,8 @@ def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: f
         parts = ([part.mean() for part in np.array_split(values[start:stop], 5)] for values in others)
         moving = any(np.ptp(means) > 0.05 * np.ptp(values) for means, values in zip(parts, others, strict=True))
         moving &= not _along_the_other_axis(trial.isel(time=slice(start, stop)), name)
-        longest = max(longest, int(stop - start)) if moving else longest
+        if moving and stop - start > longest.stop - longest.start:
+            longest = slice(int(start), int(stop))
     return longest
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 from pymc_ship.physics.manoeuvre.steering_record import (
     approach_speed,
     first_execute,
+    fixed_rudder,
     is_manoeuvre,
     rudder_reversals,
     zigzag_rudder_angle,
@@ -52,6 +53,7 @@ _LEAST_APPROACH = 0.4  # of the samples about the first execute
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
 _FEWEST_READINGS, _ON_THE_STEP = 5, 0.02  # different readings of a step; distance from a multiple of it, in steps
+_FIXED, _CLIPPED = 0.7, 0.1  # of a manoeuvre, at one angle; of the samples after the approach, at the largest one
 _NOISY_RANGE = 8.0  # standard deviations of the noise: a fixed rudder spans 5 of them
 _MOVE = 0.6  # fraction of the way from the middle of the rudder's range to its ends
 
@@ -160,25 +162,56 @@ def rudder_step(delta: np.ndarray) -> float:
 
 
 def rudder_angle_check(trial: xr.Dataset) -> Check:
-    """Angle of a zigzag to both sides against ``delta_command`` [rad], or against the multiple of 5 deg next to it."""
+    """Angle of a zigzag or a circle against ``delta_command`` [rad], that of a zigzag else against a multiple of 5 deg.
+
+    Before, whether the indicator is clipped: its noise on the approach vanishes at its largest angle.
+    """
     name = "rudder angle"
     if reason := missing_channels_text(trial, ("delta", "psi")):
         return not_checked(name, reason)
-    if not rudder_reversals(trial):
-        return not_checked(name, "the rudder is not reversed between two angles, as in a zigzag")
-    under_way, step = is_manoeuvre(trial), rudder_step(trial["delta"].values)
-    angle = float(np.rad2deg(zigzag_rudder_angle(trial["delta"].values[under_way])))
-    order = 5.0 * round(angle / 5.0)
-    if "delta_command" in trial:
-        order = float(np.rad2deg(zigzag_rudder_angle(trial["delta_command"].values[under_way])))
+    if clipped := _clipped_angle(trial):
+        text = (
+            f"delta scatters on the approach, and reads exactly {clipped:.3g} deg when put over: it is clipped at the "
+        )
+        return Check(name, "doubtful", f"{text}range of its indicator, and the rudder goes beyond.")
+    commanded = trial.assign(delta=trial["delta_command"]) if "delta_command" in trial else None
+    is_zigzag, step = bool(rudder_reversals(trial)), rudder_step(trial["delta"].values)
+    if not is_zigzag and (commanded is None or not _is_fixed(trial) or not _is_fixed(commanded)):
+        return not_checked(name, "the rudder is not reversed between two angles, as in a zigzag, or has no order")
+    under_way = is_manoeuvre(trial)
+    angle, order = (
+        _put_over(one["delta"].values[under_way], is_zigzag) if one is not None else 0.0 for one in (trial, commanded)
+    )
+    stated = order > 0.0
+    order = order if stated else 5.0 * round(angle / 5.0)
     numbers: Numbers = (("angle", angle, "deg"), ("order", order, "deg"), ("step", step, "deg"))
-    text = f"The rudder reads {angle:.3g} deg to both sides" + (f", in steps of {step:g} deg" if step else "")
-    stated = "delta_command" in trial and order > 0.0
+    text = f"The rudder reads {angle:.3g} deg" + (" to both sides" if is_zigzag else "")
+    text += f", in steps of {step:g} deg" if step else ""
     if abs(angle - order) > OFF_THE_ORDER and (stated or step or abs(angle - order) <= LARGEST_BACKLASH):
-        text += f" for {'an order' if stated else 'a probable order'} of {order:.3g} deg: backlash or scale of the "
+        text += (
+            f" for {'an order' if stated else 'a probable order'} of {order:.3g} deg: backlash, scale or range of the "
+        )
         text += "indicator, which the rudder coefficients take over; calibrate delta."
         return Check(name, "doubtful", text, numbers)
     return Check(name, "good", f"{text}.", numbers)
+
+
+def _put_over(delta: np.ndarray, is_zigzag: bool) -> float:
+    """Rudder angle [deg] of a zigzag, to both sides, or of a circle, without a sign."""
+    return float(np.rad2deg(zigzag_rudder_angle(delta) if is_zigzag else np.median(np.abs(delta))))
+
+
+def _is_fixed(trial: xr.Dataset) -> bool:
+    """Whether the rudder keeps one angle for most of a manoeuvre, as in a circle."""
+    return fixed_rudder(trial)[1] > _FIXED
+
+
+def _clipped_angle(trial: xr.Dataset) -> float:
+    """Largest reading [deg] that a rudder without any scatter keeps, though it scatters on the approach; else 0."""
+    size, n = np.abs(trial["delta"].values), int(np.searchsorted(trial["time"].values, first_execute(trial)))
+    scatters = n >= _FEWEST_READINGS and np.unique(size[:n]).size > 0.5 * n
+    kept = np.mean(size[n:] == size.max(initial=0.0)) if scatters and n < size.size else 0.0
+    return float(np.rad2deg(size.max())) if kept > _CLIPPED else 0.0
 
 
 def _moves(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

@@ -99,7 +99,7 @@ def trial_checks(
     trial = record_quality.without_still_channels(trial, frozen)
     scale = ship_scale(trial, vessel)
     trial, closure = _closure_checks(trial, vessel, lag)
-    yaw_sign = next(check for check in closure if check.name == "yaw rate")
+    yaw = next(check.verdict for check in closure if check.name == "yaw rate")
     checks += closure
     plausible = plausibility.plausibility_check(trial, scale, vessel)
     if plausible.verdict == "bad":
@@ -108,7 +108,7 @@ def trial_checks(
         piece = plausibility.piece_check(trial, scale, any_speed=any_speed)
     checks += [plausible, piece]
     trial = _apply_corrections(trial, [piece])
-    checks += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
+    checks += _rudder_checks(trial, vessel, yaw)
     scale = ship_scale(trial, vessel)
     checks += [revolutions_check(trial, vessel), wind_check(trial, scale)]
     checks += [excitation.approach_check(trial, scale), excitation.range_check(trial, scale)]
@@ -163,7 +163,8 @@ def _closure_checks(
     return trial, [*checks, *axes, late, lever, track.drift_check(trial, scale)]
 
 
-def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool) -> list[Check]:
+def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, yaw: str) -> list[Check]:
+    """Checks of the rudder, given the verdict on the yaw rate."""
     unit = rudder.rudder_unit_check(trial)
     names = ("rudder sign", "rudder zero", "rudder angle", "rudder rate", "rudder delay", "rudder timing")
     if unit.verdict != "good":
@@ -171,7 +172,7 @@ def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool
         return [unit, *(not_checked(name, reason) for name in names)]
     scale = ship_scale(trial, vessel)
     sign = rudder.rudder_sign_check(trial, scale)
-    if yaw_is_bad:
+    if yaw == "bad":
         sign = not_checked("rudder sign", "r must be right first")
     timing = not_checked("rudder timing", "r and the sign of delta must be right first")
     return [
@@ -181,7 +182,7 @@ def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool
         rudder.rudder_angle_check(trial),
         rudder.rudder_rate_check(trial, vessel),
         rudder.rudder_delay_check(trial),
-        rudder.rudder_timing_check(trial, scale) if sign.verdict == "good" else timing,
+        rudder.rudder_timing_check(trial, scale) if sign.verdict == "good" and yaw != "doubtful" else timing,
     ]
 
 
