@@ -22,7 +22,7 @@ from pymc_ship.records.files.format import format_text
 from pymc_ship.records.files.reading import FileReading, read_file
 from pymc_ship.records.files.ship_scale import ship_scale
 from pymc_ship.records.steering.measured import measured_criteria, order_delay, order_sentence
-from pymc_ship.records.steering.recognition import STEERED, recognised_manoeuvre, unrecognised_text
+from pymc_ship.records.steering.recognition import STEERED, recognised_manoeuvre, reversals_text, unrecognised_text
 from pymc_ship.trial.channels import CHANNELS, unmodelled_roll_text
 from pymc_ship.trial.record import nonzero_channels
 
@@ -99,6 +99,7 @@ def _manoeuvre(trial: xr.Dataset, vessel: Vessel | None) -> tuple[str, list[tupl
     sentences = [
         f"The trial is recognised as a {manoeuvre.label}.",
         order_sentence(delay, manoeuvre.approach_speed or np.nan),
+        reversals_text([trial], steering),
     ]
     rows = [tuple(row.values()) for row in measured_criteria(trial, manoeuvre, vessel, delay)]
     return "\n".join(filter(None, [roll, *sentences])), rows

@@ -183,3 +183,11 @@ def test_a_late_receiver_does_not_turn_the_sign_of_v():
     placed = changed(run, x=run["x"].values - 40.0 * np.cos(psi), y=run["y"].values - 40.0 * np.sin(psi))
     late = changed(placed, **{one: earlier(placed, placed[one].values, 3.0) for one in "xy"})
     assert checks_by_name(noisy(late).sel(time=slice(5, None)), vessel)["sway sign"].verdict != "bad"
+
+
+def test_a_clean_turn_to_starboard_has_neither_a_lag_nor_an_arm():
+    """The residuals of a heeling ship prefer a lag beside an arm a little, by fewer than five standard errors."""
+    vessel = ps.load_vessel("container")
+    turn = ps.turning_circle(35, side="starboard")
+    checks = checks_by_name(noisy(ps.simulate(vessel, turn, duration=290.4, record_interval=0.6)), vessel)
+    assert {checks[name].verdict for name in ("velocity lag", "lever arm")} <= {"good", "not checked"}

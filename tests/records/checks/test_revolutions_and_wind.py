@@ -163,3 +163,11 @@ def test_an_unsteady_wind_is_not_called_steadier_than_its_readings(tanker, circl
     assert check.verdict == "good"
     assert "no other interpretation of the columns has less" in check.sentence
     assert check.value("ratio under the best reading") == 1.0
+
+
+def test_a_wind_beside_a_heading_that_begins_at_0_is_told(tanker, circle):
+    """The heading may count from the first course; the one of another course counts from north."""
+    turned = circle.assign(psi=circle["psi"] + 0.5)
+    for trial, told in ((circle, True), (turned, False)):
+        check = checks_by_name(blown(trial, "true", np.random.default_rng(1)), tanker)["wind"]
+        assert (check.verdict, "begins at 0" in check.sentence) == ("good", told)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 import pymc_ship as ps
 from tests.records.checks.cases import (
@@ -292,3 +293,10 @@ def test_an_indicator_that_is_clipped_is_found_by_the_order_or_by_its_noise(name
     assert (check.verdict, "range of" in check.sentence, "25 deg" in check.sentence) == ("doubtful", True, True)
     check = checks_by_name(changed(run, delta=delta).assign(order), vessel)["rudder angle"]
     assert check.verdict == ("good" if known == "order" else "not checked")
+
+
+def test_a_rudder_that_moves_on_the_approach_is_not_clipped(container):
+    """A smoothed one that leaves its angle without a bend, but no noise."""
+    run = circle_with_late_rudder(container, 30.0, 0.0)
+    smooth = gaussian_filter1d(run["delta"].values, 10.0)
+    assert "clipped" not in checks_by_name(changed(run, delta=smooth), container)["rudder angle"].sentence

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
+import re
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from pymc_ship.physics.manoeuvre import steering_record
 from pymc_ship.physics.manoeuvre.steering_record import approach_speed, first_execute, rudder_reversals
 from pymc_ship.records.steering import recognition
 from pymc_ship.records.steering.measured import align_to_first_execute
-from pymc_ship.records.steering.recognition import Steering, recognise, unrecognised_text, with_steering
+from pymc_ship.records.steering.recognition import Steering, recognise, reversals_text, unrecognised_text, with_steering
 from pymc_ship.ships.identification.held_out import recorded_indices
 from pymc_ship.trial.record import check_trial
 from tests.physics.manoeuvre.cases import measured, scaled, simulated
@@ -283,3 +284,26 @@ def test_the_rate_of_an_order_is_not_that_of_the_gear():
     assert with_steering(tanker(), Steering(397.0, 1.0, 3)).particulars.rudder_rate_deg == file
     assert with_steering(tanker(), Steering(397.0, 1.0, 3)).particulars.rudder_delay == 1.0
     assert with_steering(tanker(), Steering(5.0, 1.0, 3)).particulars.rudder_rate_deg == 5.0
+
+
+def uneven(headings):
+    """A zigzag of the tanker without a delay, reversed at these heading changes [deg], by an interpolated record."""
+    run = ps.simulate(tanker(), ps.zigzag(10, 10), duration=500, step=0.5)
+    psi = np.rad2deg(run["psi"].values)
+    side = np.sign(psi)
+    return run.assign(psi=("time", np.deg2rad(np.where(side < 0.0, headings[0], headings[1]) / 10.0 * psi)))
+
+
+def test_the_reversals_of_a_zigzag_show_the_error_of_the_delay():
+    """An uneven zigzag has its headings stated, and a larger error; a circle alone has no sentence."""
+    texts = []
+    for headings in ((10.0, 10.0), (10.0, 14.0)):
+        run = uneven(headings)
+        _, steering = ps.recognise([run], tanker())
+        steering = replace(steering, rudder_delay=max(steering.rudder_delay, 0.1))
+        texts.append(reversals_text([run], steering))
+    errors = [float(re.search(r"standard error of ([\d.e+-]+) s", text).group(1)) for text in texts]
+    assert errors[1] > 3.0 * errors[0]
+    assert ["not at one to both sides" in text for text in texts] == [False, True]
+    circle = ps.simulate(tanker(), ps.turning_circle(35), duration=900, step=0.5)
+    assert reversals_text([circle], ps.recognise([circle], tanker())[1]) == ""

@@ -286,3 +286,14 @@ def test_the_current_of_the_day_is_subtracted_from_a_stopping_test(stop):
     assert rows_of(undated, "stop")["track_reach"]["corrected_for"] == "nothing"
     assert np.isnan(rows_of(undated, "stop")["track_reach"]["u_current"])
     assert any("not subtracted from stop" in one for one in undated.remarks)
+
+
+def test_a_noted_wind_beside_headings_that_begin_at_0_is_told():
+    """Not without a wind, and not on another course."""
+    run = run_record(CIRCLE, 1500, wind=None)
+    run = run.assign(psi=run["psi"] - float(run["psi"][0]))
+    noted = {"wind": {"speed": 8.0, "from": 200.0}}
+    cases = ((run, noted, True), (run, {}, False), (turned_frame(run, 0.5), noted, False))
+    for record, conditions, told in cases:
+        remarks = ps.sea_trial({"circle": record}, tanker(), conditions=conditions, rng=1).remarks
+        assert any("heading of circle begins at 0" in remark for remark in remarks) == told

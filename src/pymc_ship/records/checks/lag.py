@@ -159,8 +159,7 @@ def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = N
         numbers += ((f"lag of all runs, {known.kind}", known.seconds, "s"),)
         text = f"{_lag_text(known, 'in all runs, ')}; shift them."
         return Check(NAME, "doubtful", text, numbers, mendable=True)
-    least = 0.0 if beside_arm else SIGNIFICANT * found.error  # the likelihood shows a lag beside an arm
-    matters = abs(found.seconds) > max(LAG * scale.time, sampling_interval(trial), least)
+    matters = abs(found.seconds) > max(LAG * scale.time, sampling_interval(trial), SIGNIFICANT * found.error)
     if not matters or abs(found.seconds) >= longest or ratio < PREFERRED:
         text = f"No channel lags the others ({found.seconds:.2g} s, error {found.error:.1g} s)."
         return Check(NAME, "good", text, numbers)
@@ -182,9 +181,14 @@ def lag_correction(check: Check) -> str:
 
 
 def rival_of_lever(check: Check) -> str:
-    """Words on a lag that explains the track as well as a lever arm does; empty without one, or beside an arm."""
-    is_rival = len(_kinds(check)) > 1 and not check.mendable and check.value(_RATIO) > -PREFERRED
-    return _lag_text(lag_of(check)) if is_rival else ""
+    """Words on a lag that explains the track as well as a lever arm does, or is uncertain beside it; else empty."""
+    if not check.numbers or check.mendable:
+        return ""
+    lag = lag_of(check)
+    if len(_kinds(check)) > 1:
+        return _lag_text(lag) if check.value(_RATIO) > -PREFERRED else ""
+    matters = abs(check.value("lag over L/U")) > LAG and abs(lag.seconds) > check.value("interval")
+    return f"{_lag_text(lag)} beside it" if matters else ""
 
 
 def lag_of(check: Check) -> VelocityLag:

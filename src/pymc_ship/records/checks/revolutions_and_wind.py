@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import xarray as xr
 
@@ -17,6 +19,7 @@ ADVANCE_OFF = 1.7  # ratio to the advance number of the vessel file from which n
 STEADIER = 0.25  # ratio of variances of the wind below which another reading of it is more probable
 _APPROACH = 0.05  # of the samples ahead, at the begin of a record, which show the sign of n
 _TURNED = np.deg2rad(60.0)  # change of heading without which readings of the wind cannot be distinguished
+_FIRST, _NORTH = 5, np.deg2rad(1.0)  # samples; first heading that is probably the zero of a heading from there
 _BLOCK = 0.25  # L/U
 _SAMPLES = 16  # of a block, at most, that show the wind
 _TURN = 7.0  # rad; a larger angle is one in degrees
@@ -71,6 +74,7 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return Check(name, "doubtful", "The wind is missing in a part of the record; fill it in.")
     if np.ptp(trial["psi"].values) < _TURNED:
         return not_checked(name, "true and relative wind cannot be distinguished on one course")
+    doubt = from_first_course_text({"this record": trial})
     trial = trial.isel(time=slice(None, None, max(1, size // _SAMPLES)))
     blocks = Blocks(min(size, _SAMPLES))
     rounding = 1e-9 * float(np.mean(trial["wind_speed"].values ** 2))
@@ -86,10 +90,22 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         text += (
             "has less than a quarter of it. Knots, the opposite direction and anticlockwise angles cannot be excluded."
         )
+        text += f" {doubt}" if doubt else ""
         return Check(name, "good", text, numbers)
     remedy = 'state wind = "relative" in the format' if best == (_RELATIVE,) else "correct the columns"
     sentence = f"Probably {', and '.join(best)}: the wind then keeps {100.0 * ratio:.2g} % of its variance; {remedy}."
     return Check(name, "bad", sentence, numbers)
+
+
+def from_first_course_text(trials: Mapping[str, xr.Dataset]) -> str:
+    """Sentence on a wind beside headings that all begin at 0, by the names of the records; empty without one."""
+    begins = [one["psi"].values[:_FIRST].mean() if "psi" in one else np.nan for one in trials.values()]
+    if not begins or not (np.abs(np.angle(np.exp(1j * np.array(begins)))) < _NORTH).all():
+        return ""
+    return (
+        f"The heading of {', '.join(trials)} begins at 0: if it counts from the first course and the wind from north, "
+        "the wind acts from a wrong side; state the course as offset of psi."
+    )
 
 
 def _wind_readings(trial: xr.Dataset) -> dict[tuple[str, ...], np.ndarray]:

@@ -208,9 +208,12 @@ def _is_fixed(trial: xr.Dataset) -> bool:
 
 def _clipped_angle(trial: xr.Dataset) -> float:
     """Largest reading [deg] that a rudder without any scatter keeps, though it scatters on the approach; else 0."""
-    size, n = np.abs(trial["delta"].values), int(np.searchsorted(trial["time"].values, first_execute(trial)))
-    scatters = n >= _FEWEST_READINGS and np.unique(size[:n]).size > 0.5 * n
-    kept = np.mean(size[n:] == size.max(initial=0.0)) if scatters and n < size.size else 0.0
+    delta, n = trial["delta"].values, int(np.searchsorted(trial["time"].values, first_execute(trial)))
+    if not _FEWEST_BLOCKS <= n < delta.size:
+        return 0.0
+    steps, bends = (np.median(np.abs(np.diff(delta[:n], order))) for order in (1, 2))
+    size = np.abs(delta[n:])
+    kept = np.mean(size == size.max()) if bends > steps > 0.0 else 0.0  # noise changes its sign, no movement does
     return float(np.rad2deg(size.max())) if kept > _CLIPPED else 0.0
 
 

@@ -34,6 +34,7 @@ _DELAYS = 201
 _AT_ONCE = 1000.0  # deg in L/U, quicker than any gear
 _UNUSUAL = np.log(20.0)  # prior odds against a switching heading that is not a multiple of 5 deg
 _ONE_SPEED = 1.1  # largest ratio of approach speeds of runs at one speed
+_UNEVEN = 1.0  # deg, range of the headings at which a zigzag is reversed, beyond which they are no one order
 _RESOLVED = 0.1  # deg, resolution of the heading of an order
 
 
@@ -123,6 +124,39 @@ def unrecognised_text(trial: xr.Dataset, unit: float) -> str:
         return f"It is no standard manoeuvre: {fault}."
     known = [kind.words for kind in KINDS.values() if kind.recognise]
     return f"It is not recognised as {either(known)}: {steering_text(trial)}."
+
+
+def reversals_text(trials: Sequence[xr.Dataset], steering: Steering) -> str:
+    """Sentences on the reversals behind a measured delay: its error, and those at uneven headings; empty without any.
+
+    ``trials`` are those of the facility; a circle takes the delay over from its zigzags. The error is the rms of single
+    reversals, as those of one helmsman are alike.
+    """
+    errors: list[float] = []
+    sentences = []
+    for trial in trials:
+        if not (reversals := rudder_reversals(trial)):
+            continue
+        switch, middle = (
+            one[..., 0] for one in switching_headings(trial, reversals, np.array([steering.rudder_delay]))
+        )
+        side = np.sign(reversals[0].heading) * (-1.0) ** np.arange(switch.size)
+        changes = switch + side * middle
+        rates = np.interp([one.time for one in reversals], trial["time"].values, np.abs(trial["r"].values))
+        errors.extend((changes - whole_heading(switch)) / np.rad2deg(rates))
+        if np.ptp(changes) > _UNEVEN:
+            listed = ", ".join(f"{change:.1f}" for change in side * changes)
+            sentences.append(
+                f"The rudder of a zigzag is reversed at heading changes of {listed} deg from the approach, not at one "
+                "to both sides: its overshoots and the delay are uncertain."
+            )
+    if errors and steering.rudder_delay > 0.0:
+        sentences.insert(
+            0,
+            "The delay from order to movement, also of circles, is estimated from reversals of zigzags "
+            f"({len(errors)}), with a standard error of {np.sqrt(np.mean(np.square(errors))):.2g} s.",
+        )
+    return " ".join(sentences)
 
 
 def with_steering(vessel: Vessel, steering: Steering) -> Vessel:

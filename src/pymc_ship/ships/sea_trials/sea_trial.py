@@ -18,12 +18,13 @@ from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.revolutions_and_wind import from_first_course_text
 from pymc_ship.records.checks.run_set import repeated_runs
 from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.current import DriftCurrent, drift_current, ground_speed_text, logged_drift
 from pymc_ship.records.steering.measured import order_delay, order_sentence
-from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
+from pymc_ship.records.steering.recognition import recognise_by_facility, reversals_text, unrecognised_text
 from pymc_ship.records.steering.stopping_tests import stopping_order
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.steady_turns import largest_loop, steady_turns
@@ -147,6 +148,8 @@ def sea_trial(
     rows = uncertainty_budget(_index_rows(records, runs, corrections, progress), rng)
     speeds = {name: manoeuvre.approach_speed or np.nan for name, manoeuvre in runs.manoeuvres.items()}
     windiest = max((speed for speed, _ in winds.values()), default=np.nan)
+    from_first_course = from_first_course_text({name: records[name] for name in winds})
+    wind_remarks = [*filter(None, [from_first_course]), *model_remarks]
     doubts = (*quality_remarks(records), *mirror_remarks(records), *repeated_runs(records))
     return SeaTrial(
         trials=records,
@@ -160,18 +163,19 @@ def sea_trial(
         form=form_rows(rows),
         spirals=runs.spirals,
         turns=steady_turns(ship) if runs.spirals and ship is not None else None,
-        remarks=(*doubts, *runs.left_out, *model_remarks, *current_remarks, *_order_remarks(runs)),
+        remarks=(*doubts, *runs.left_out, *wind_remarks, *current_remarks, *_order_remarks(runs)),
     )
 
 
 class _Runs(NamedTuple):
-    """Runs by kind of test, delay [s] from order to movement of the rudder by run, and remarks on runs left out."""
+    """Runs by kind of test, delay [s] from order to rudder movement by run, remarks on left-out runs and gear."""
 
     manoeuvres: dict[str, Manoeuvre]
     delays: dict[str, float]
     stops: list[str]
     spirals: dict[str, xr.Dataset]
     left_out: list[str]
+    gear: list[str]
 
 
 class _Corrections(NamedTuple):
@@ -222,7 +226,12 @@ def _runs_by_kind(records: Mapping[str, xr.Dataset], vessel: Vessel) -> _Runs:
         )
     unknown = [name for name in others if name not in spirals]
     left_out = [f"{name} is left out. {unrecognised_text(records[name], ship_time)}" for name in unknown]
-    return _Runs(manoeuvres, delays, stops, spirals, left_out)
+    gear = [
+        f"{facility or 'Steering gear'}: {text}"
+        for facility, steering in facilities.items()
+        if (text := reversals_text([one for one in records.values() if facility_of(one) == facility], steering))
+    ]
+    return _Runs(manoeuvres, delays, stops, spirals, left_out, gear)
 
 
 def _order_remarks(runs: _Runs) -> list[str]:
@@ -231,7 +240,7 @@ def _order_remarks(runs: _Runs) -> list[str]:
     for name, manoeuvre in runs.manoeuvres.items():
         sentence = order_sentence(runs.delays[name], manoeuvre.approach_speed or np.nan)
         begins.setdefault(sentence, []).append(name)
-    return [f"{', '.join(names)}: {sentence}" for sentence, names in begins.items()]
+    return [*(f"{', '.join(names)}: {sentence}" for sentence, names in begins.items()), *runs.gear]
 
 
 def _currents(
