@@ -298,18 +298,3 @@ def test_the_signal_of_a_steady_sway_is_its_size(circle, container):
     assert ratio.verdict == "good"
     about_zero = changed(steady, v=steady["v"].values - steady["v"].values.mean())
     assert "(v)" in checks_by_name(about_zero.drop_vars(["p", "phi"]), container)["noise"].sentence
-
-
-@pytest.mark.parametrize("names", [("u", "v", "r", "psi", "x", "y"), ("v",)])
-def test_a_gap_that_was_filled_by_straight_lines_is_doubted(zigzag, container, names):
-    """Over L/U, while the ship turns."""
-    time = zigzag["time"].values
-    ends = np.searchsorted(time, [150.0, 168.0])
-    gap = slice(*ends)
-    filled = {name: np.interp(time[gap], time[ends], zigzag[name].values[ends]) for name in names}
-    trial = zigzag
-    for name, values in filled.items():
-        trial = with_samples(trial, name, gap, values)
-    check = checks_by_name(trial, container)["frozen channels"]
-    assert (check.verdict, check.sentence.split(" change")[0]) == ("doubtful", ", ".join(names))
-    assert "from 150 s on" in check.sentence

@@ -26,7 +26,6 @@ SPIKE = 6.0  # robust standard deviations of a spike from the local median
 LEAST_SPIKE = 0.02  # fraction of a channel's range below which a spike does no harm
 FROZEN = 0.25  # fraction of L/U from which equal values are a frozen sensor
 ALONG = 0.02  # sine of the heading below which a ship moves along an axis, and the other coordinate may stand still
-_STRAIGHT = 1e-6  # of the largest step of a channel, within which steps are alike
 ROUNDED = 0.8  # fraction of distinct neighbours below which a channel is rounded, with runs of equal values
 _LOST = ("gap", "missing", "out of the order", "time goes back", "without a time")  # rows, in the notes of the reading
 _HALF_WINDOW, _LONGEST_SPIKE, _SURROUNDINGS = 4, 2, 51  # samples
@@ -344,19 +343,17 @@ def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         text = f"delta stands still for {duration:.3g} s while the ship begins a turn and ends it: the "
         text += "rudder indicator is stuck; cut that part out."
         return Check("frozen channels", "bad", text, (("frozen, delta", duration, "s"),))
-    runs = {name: _longest_frozen(trial, name, trial[name].values, names, scale.time / interval) for name in names}
+    runs = {name: _longest_frozen(trial, name, names, scale.time / interval) for name in names}
     longest = {name: interval * (run.stop - run.start) for name, run in runs.items()}
     numbers = tuple((f"frozen, {name}", duration, "s") for name, duration in longest.items() if duration > 0.0)
-    if not numbers and (text := _straight_text(trial, names, scale)):
-        return Check("frozen channels", "doubtful", text)
     if not numbers:
         return Check("frozen channels", "good", "No channel stands still while the ship moves.")
     worst = max(longest, key=longest.__getitem__)
     verdict = "bad" if longest[worst] > scale.time else "doubtful"
-    size, duration = np.abs(trial[worst].values), f"for {longest[worst]:.3g} s while the ship moves"
-    text = f"{worst} stands still {duration}; cut that part out or mend the sensor."
+    size, lasting = np.abs(trial[worst].values), f"for {longest[worst]:.3g} s while the ship moves"
+    text = f"{worst} stands still {lasting}; cut that part out or mend the sensor."
     if size[runs[worst].start] == size.max():
-        text = f"{worst} stays at its largest value {duration}: it is clipped at the range of its sensor, or stuck; "
+        text = f"{worst} stays at its largest value {lasting}: it is clipped at the range of its sensor, or stuck; "
         text += "leave it out."
     return Check("frozen channels", verdict, text, numbers)
 
@@ -369,26 +366,9 @@ def without_still_channels(trial: xr.Dataset, check: Check) -> xr.Dataset:
     return trial.drop_vars(still).assign_attrs(still_channels=still)
 
 
-def _straight_text(trial: xr.Dataset, names: list[str], scale: ShipScale) -> str:
-    """Sentence on channels that change along a straight line while the ship moves, as over a filled gap; else empty."""
-    interval, spans = sampling_interval(trial), {}
-    for name in names:
-        steps = np.diff(_continuous(trial, name), append=np.nan)
-        largest = float(np.nanmax(np.abs(steps)))
-        straight = np.round(steps / (_STRAIGHT * largest)) if largest > 0.0 else steps
-        run = _longest_frozen(trial, name, straight, names, scale.time / interval)
-        if run.stop > run.start:
-            spans[name] = trial["time"].values[[run.start, run.stop]]
-    if not spans:
-        return ""
-    begin, end = min(spans.values(), key=lambda span: span[0] - span[1])
-    text = f"{', '.join(spans)} change along a straight line for {end - begin:.3g} s from {begin:.4g} s on, while the "
-    return text + "ship moves: a gap was filled by interpolation; cut that part out."
-
-
-def _longest_frozen(trial: xr.Dataset, name: str, values: np.ndarray, names: list[str], ship_time: float) -> slice:
-    """Longest run of equal values, in samples, during which another velocity than ``name`` changes by 5 %."""
-    edges = np.flatnonzero(np.diff(values, prepend=np.nan, append=np.nan) != 0.0)
+def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: float) -> slice:
+    """Longest run of equal values, in samples, during which another velocity changes by 5 % of its range."""
+    edges = np.flatnonzero(np.diff(trial[name].values, prepend=np.nan, append=np.nan) != 0.0)
     rounded = edges.size < ROUNDED * (trial.sizes["time"] - np.diff(edges).max())
     least = max(10, round(ship_time * (1.0 if rounded else FROZEN)))
     longest = slice(0, 0)
@@ -396,8 +376,8 @@ def _longest_frozen(trial: xr.Dataset, name: str, values: np.ndarray, names: lis
     for run in np.flatnonzero(np.diff(edges) >= least):
         start, stop = edges[run], edges[run + 1]
         # means of five parts, so that noise is not taken for motion
-        parts = ([part.mean() for part in np.array_split(other[start:stop], 5)] for other in others)
-        moving = any(np.ptp(means) > 0.05 * np.ptp(other) for means, other in zip(parts, others, strict=True))
+        parts = ([part.mean() for part in np.array_split(values[start:stop], 5)] for values in others)
+        moving = any(np.ptp(means) > 0.05 * np.ptp(values) for means, values in zip(parts, others, strict=True))
         moving &= not _along_the_other_axis(trial.isel(time=slice(start, stop)), name)
         if moving and stop - start > longest.stop - longest.start:
             longest = slice(int(start), int(stop))

@@ -343,8 +343,8 @@ def _onset_shift(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float, flo
             columns = columns[:, :-1]
             coefficients = np.linalg.lstsq(columns, response)[0]
         misfits.append(float(np.sum((response - columns @ coefficients) ** 2)))
-    shift, error = _least(_ONSETS, misfits, response.size - columns.shape[1])
-    return unit * shift, unit * error, unit * max(SHIFTED, SIGNIFICANT * error)
+    late, error = _least(_ONSETS, misfits, response.size - columns.shape[1])
+    return unit * late, unit * error, unit * max(SHIFTED, SIGNIFICANT * error)
 
 
 def _least(shifts: np.ndarray, misfits: Sequence[float], freedom: float) -> tuple[float, float]:
@@ -385,9 +385,9 @@ def _reversal_shift(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float, 
         force = _moving_mean(u**2 * np.interp(time - shift * scale.time, time, delta), size)
         force = force - basis @ (basis.T @ force)
         misfits.append(np.sum((left - force * (force @ left) / max(force @ force, np.finfo(float).tiny)) ** 2))
-    shift, error = _least(_SHIFTS, misfits, left.size / size - basis.shape[1] - 2.0)
-    shift = shift - LEAD if np.isfinite(error) else shift
-    return scale.time * shift, scale.time * error, scale.time * max(SHIFTED, SHIFT_ERRORS * error)
+    late, error = _least(_SHIFTS, misfits, left.size / size - basis.shape[1] - 2.0)
+    late = late - LEAD if np.isfinite(error) else late
+    return scale.time * late, scale.time * error, scale.time * max(SHIFTED, SHIFT_ERRORS * error)
 
 
 def _moving_mean(values: np.ndarray, size: int) -> np.ndarray:
