@@ -84,7 +84,7 @@ class Channel:
 _HEADINGS = {  # other names of each channel in files
     "time": (
         *("t", "elapsed time", "timestamp", "time stamp", "datetime", "date time", "date/time", "utc", "utc time"),
-        *("time utc", "gps time", "local time", "sec", "secs", "seconds", "stamp sec", "stamp secs"),
+        *("time utc", "date/time utc", "gps time", "local time", "sec", "secs", "seconds", "stamp sec", "stamp secs"),
         *("elapsed", "time since start", "date and time", "time of day", "clock", "clock time"),
         *("header stamp sec", "header stamp secs", "field header stamp secs"),
     ),
@@ -127,6 +127,7 @@ _HEADINGS = {  # other names of each channel in files
     "phi": ("roll", "roll angle", "heel", "heel angle", "φ"),
     "psi": (
         "hdt",
+        "hdm",
         "ths",
         "true heading",
         "heading true",

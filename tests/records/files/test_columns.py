@@ -5,7 +5,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.records.files.columns import matched_columns, receiver_stand_ins
+from pymc_ship.records.files.columns import is_from_true_north, matched_columns, receiver_stand_ins
 from pymc_ship.trial.channels import file_columns
 from pymc_ship.trial.units import METRE
 from tests.sentences import refused
@@ -115,9 +115,7 @@ def test_a_zone_or_a_pattern_is_no_unit_of_time(name, bracket):
         matched(f"psi [{bracket}]")
 
 
-@pytest.mark.parametrize(
-    ("letter", "write"), [("P", "P [rad/s]"), ("N", "N [rev/s]"), ("V", "V [m/s]"), ("X", "X [m]")]
-)
+@pytest.mark.parametrize(("letter", "write"), [("P", "P [rad/s]"), ("N", "N [rev/s]"), ("X", "X [m]")])
 def test_a_capital_letter_needs_a_unit(letter, write):
     """P may be power, N the number of a row or the northing."""
     columns, notes = matched("u", "psi", letter)
@@ -140,6 +138,89 @@ def test_capital_letters_of_a_state_or_a_track_are_channels_together():
     columns, notes = matched("U", "V", "R", "X", "Y", "P", "N")
     assert list(columns) == ["time", "u", "v", "r", "x", "y"]
     assert "P (a capital" in notes[-1]
+
+
+class TestSpeedOfTheShip:
+    """V is its symbol by ITTC, and the sway velocity beside U."""
+
+    @pytest.mark.parametrize(("heading", "unit"), [("V [kn]", ""), ("V_kn", ""), ("V", "kn")])
+    def test_a_capital_v_with_a_unit_is_u_where_no_other_speed_is(self, heading, unit):
+        columns, notes = matched(heading, "psi", units=[unit, ""])
+        assert list(columns) == ["time", "u", "psi"]
+        assert columns["u"].factor == KNOT
+        assert f"'{heading}' taken as the speed of the ship" in notes[1]
+
+    @pytest.mark.parametrize("pair", [("U [kn]", "V [kn]"), ("u", "v"), ("V [m/s]", "U [m/s]")])
+    def test_in_a_pair_it_is_sway(self, pair):
+        columns, notes = matched(*pair)
+        assert list(columns) == ["time", "u", "v"]
+        assert "speed of the ship" not in " ".join(notes)
+
+    @pytest.mark.parametrize("other", ["u", "STW [kn]", "SOG [kn]"])
+    def test_beside_another_speed_it_is_left_out(self, other):
+        columns, notes = matched(other, "V [kn]")
+        assert not {"v"} & set(columns)
+        assert columns.get("u", columns.get("sog")).heading == other
+        assert notes[-1] == "Columns left out: V [kn] (the speed of the ship; for the channel v, write 'v [m/s]')."
+
+    def test_without_a_unit_it_is_left_out(self):
+        for others, write in ((["u"], "for the channel v, write 'v [m/s]'"), ([], "write 'V [m/s]'")):
+            columns, notes = matched("psi", *others, "V")
+            assert set(columns) == {"time", "psi", *others}
+            assert notes[-1].startswith("Columns left out: V (")
+            assert write in notes[-1]
+
+    def test_a_format_says_what_it_is(self):
+        columns, _ = matched("psi", "V [kn]", v={"column": "V [kn]"})
+        assert list(columns) == ["time", "v", "psi"]
+
+    @pytest.mark.parametrize("symbol", ["u [m/s]", "r [deg/s]", "x [m]", "n [rpm]"])
+    def test_a_symbol_as_written_precedes_its_capital(self, symbol):
+        capital = symbol[0].upper() + symbol[1:]
+        columns, notes = matched("psi", capital, symbol)
+        assert columns[symbol[0]].heading == symbol
+        assert f"Columns left out: {capital}" in notes[-1]
+
+
+@pytest.mark.parametrize("heading", ["Heading (T)", "HDG(T)", "Heading [°T]", "Heading °T", "HDG (true)", "COG (T)"])
+def test_a_true_direction_is_in_degrees(heading):
+    columns, _ = matched("u", heading)
+    assert columns["cog" if "COG" in heading else "psi"].factor == DEG
+    assert is_from_true_north(heading)
+
+
+@pytest.mark.parametrize("heading", ["Heading (T) [deg]", "True heading [deg]", "HDG_true_deg", "COG T [deg]"])
+def test_a_true_direction_with_a_unit(heading):
+    columns, _ = matched("u", heading)
+    assert columns["cog" if "COG" in heading else "psi"].unit == "deg"
+    assert is_from_true_north(heading)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    ["Heading (M)", "HDG(M)", "Heading [°M]", "HDM", "HDM [deg]", "Magnetic heading [deg]", "Heading (mag) [deg]"],
+)
+def test_a_magnetic_heading_needs_its_declination(heading):
+    with refused(TrialError, *heading.split(" "), "psi", "offset"):
+        matched("u", heading)
+    columns, notes = matched("u", "HDT [deg]", heading)
+    assert columns["psi"].heading == "HDT [deg]"
+    assert heading in notes[-1]
+    stated = {"column": heading, "unit": "deg", "offset": 2.5}
+    columns, _ = matched("u", heading, psi=stated)
+    assert columns["psi"].si(np.array([10.0]))[0] == pytest.approx(12.5 * DEG)
+    assert not is_from_true_north(heading)
+
+
+def test_degrees_and_minutes_in_one_number():
+    """As NMEA 0183 writes them, 53 degrees and 29.9996 minutes."""
+    columns, _ = matched("Latitude [ddmm.mmmm]", "Longitude [dddmm.mmmm]")
+    cells = np.array([5329.9996, -5329.9996, 0.6, 12.0])
+    for name in ("latitude", "longitude"):
+        assert columns[name].choice() == {"column": columns[name].heading, "unit": "deg", "code": "ddmm"}
+        np.testing.assert_allclose(
+            columns[name].si(cells) / DEG, [53.49999333, -53.49999333, 0.01, 0.2], rtol=0.0, atol=1e-8
+        )
 
 
 def test_a_row_of_units_below_the_header():

@@ -8,6 +8,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.machine.errors import TrialError
+from pymc_ship.records.files.reading import read_file
 from pymc_ship.trial.record import check_trial
 from tests.records.files.cases import NAMES, columns, written
 from tests.records.files.mutated import mutated
@@ -151,6 +152,23 @@ class TestText:
         with refused(TrialError, "time"):
             read("\n".join(["time;u;x", *(f"{k},0;0,5;{cell}" for k, cell in enumerate(cells))]))
 
+    def test_thousands_of_a_file_without_decimals_are_shown_by_their_neighbours(self, read):
+        """996, 999, 1.002 as metres; 5, 5.125, 5.25 as a speed would have steps of thousands."""
+        x = 990 + 3 * np.arange(9)
+        trial = read("\n".join(["time;x;u", *(f"{k};{value:,};7".replace(",", ".") for k, value in enumerate(x))]))
+        np.testing.assert_array_equal(trial["x"], x)
+        assert trial.attrs["reading"] == "Thousands separators of 5 cells of x left out."
+        trial = read("\n".join(["time;x;u", *(f"{k};{5 + k % 2 * 0.125};7" for k in range(9))]).replace("5.0", "5"))
+        np.testing.assert_array_equal(trial["x"], 5.0 + 0.125 * (np.arange(9) % 2))
+
+    def test_thousands_that_no_cell_shows_are_decimals_with_a_word(self, read):
+        rows = "".join(f"{k};7;{1.203 + 0.001 * k:.3f}\n" for k in range(9))
+        trial = read("time;u;shaft [rpm]\n" + rows)
+        np.testing.assert_allclose(60.0 * trial["n"], 1.203 + 0.001 * np.arange(9))
+        assert "shaft [rpm]: marks as in '1.203' taken as decimal" in trial.attrs["reading"]
+        shown = read("time;u;shaft [rpm]\n" + rows.replace(";7;", ";7.5;"))
+        assert "marks" not in shown.attrs["reading"]
+
     def test_numbers_that_no_sensor_tells_from_zero_are_zero(self, read):
         trial = read("time,u,v\n0,5,1e-300\n1,5,-4e-31\n2,5,2e-30\n")
         np.testing.assert_array_equal(trial["v"], [0.0, 0.0, 2e-30])
@@ -178,6 +196,47 @@ class TestText:
         trial = read(f"# facility, ship, run\n# Time,u,psi\n{rows}# end\n")
         np.testing.assert_allclose(trial["psi"], 0.01 * np.arange(20))
         assert "time from 'Time'" in trial.attrs["reading"]
+
+    def test_a_header_on_every_page(self, run, read):
+        """Also with its row of units."""
+        header, *rows = written(columns(run)).splitlines()
+        heads = [header, ",".join(["s", "m/s", "m/s", "rad/s", "rad/s", "rad", "rad", "m", "m", "rad"])]
+        for lines in (heads[:1], heads):
+            trial = read("\n".join([*lines, *rows[:100], *lines, *rows[100:250], *lines, *rows[250:]]))
+            assert_same(trial, run)
+            note = f"The header is repeated {2 * len(lines)} times: these lines left out."
+            assert trial.attrs["reading"].splitlines()[0] == note
+
+    def test_a_header_below_titles_may_have_the_name_of_a_unit(self, read):
+        """rpm, or n."""
+        trial = read("Log\nShip: a, IMO 1\nTime,u,RPM\n" + "".join(f"{k},7,90\n" for k in range(9)))
+        np.testing.assert_allclose(trial["n"], 1.5)
+
+    def test_a_last_heading_without_cells(self, read):
+        """As LabVIEW writes it."""
+        trial = read("time,u,Comment\n0,1\n1,2\n2,3\n")
+        np.testing.assert_array_equal(trial["u"], [1.0, 2.0, 3.0])
+        with refused(TrialError, "3", "2"):
+            read("time,u,psi\n0,1\n1,2\n2,3\n")
+
+    @pytest.mark.parametrize("place", [(53.4999, 8.0999), (-0.8, 104.1), (1.2, -0.01)])
+    @pytest.mark.parametrize("letters", [True, False])
+    def test_positions_as_degrees_and_minutes_in_one_number(self, run, read, tmp_path, place, letters):
+        """5329.9940 for 53 degrees and 29.9940 minutes, with the letter of the hemisphere or a sign."""
+        x, y = (run[name].values - run[name].values[0] for name in ("x", "y"))
+        lines = ["time,u,Latitude [deg],Longitude [deg]"]
+        angles = zip(place[0] + x / 111e3, place[1] + y / 111e3 / np.cos(np.deg2rad(place[0])), strict=True)
+        for time, pair in zip(run["time"].values, angles, strict=True):
+            cells = []
+            for angle, sides in zip(pair, ("NS", "EW"), strict=True):
+                number = f"{100 * int(abs(angle)) + 60.0 * (abs(angle) % 1.0):010.5f}"
+                cells.append(number + sides[int(angle < 0)] if letters else "-" * int(angle < 0) + number)
+            lines.append(",".join([repr(float(time)), "5.5", *cells]))
+        trial = read("\n".join(lines))
+        np.testing.assert_allclose(trial["x"], x, rtol=0.01, atol=0.1)
+        np.testing.assert_allclose(trial["y"], y, rtol=0.01, atol=0.1)
+        assert "Latitude [deg] and Longitude [deg]: degrees and minutes in one" in trial.attrs["reading"]
+        assert read_file(tmp_path / "run.csv").columns["latitude"].choice()["code"] == "ddmm"
 
     def test_quoted_cells(self, read):
         trial = read('"time","u [m/s]"\n"0","1.5"\n"1","2.5"\n')

@@ -134,11 +134,15 @@ test_trial_errors = wording(
     ("found an archive of 'gps.csv'; unpack it", of_an_archive),
     (r"cannot be read as xlsx: File is not a zip file", lambda read: read(b"PK\x03\x04" + bytes(40), "run.xlsx")),
     (
-        r"a latitude is within 90 deg .*; found degrees and minutes in one number; convert them\.$",
-        lambda read: read("time,lat [deg],lon [deg]\n0,5329.8,806.01\n1,5329.81,806.03\n2,5329.82,806.05\n"),
+        r"column 'Heading \(M\)': .*, found a magnetic one; state the declination, \[columns\] psi = \{ column = ",
+        lambda: matched("u", "Heading (M)"),
     ),
     (
-        r"a latitude is within 90 deg .*; correct the unit\.$",
+        r"line 2, column time: a number is needed, found '0,0' beside points in x; write one decimal mark\.$",
+        lambda read: read("time;u;x\n0,0;0,5;1.002\n1,0;0,5;1.003\n2,0;0,5;1.004\n"),
+    ),
+    (
+        r"a latitude is within 90 deg .*, found up to 95, 2 deg; correct the cells, or state their unit\.$",
         lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,95,2\n2,1,2\n"),
     ),
     (r"lies within 100 km, found positions 1", lambda read: read("time,lat [deg],lon [deg]\n0,1,2\n1,2,2\n2,1,2\n")),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -37,6 +37,17 @@ _CAPITAL = re.compile(r"[A-SU-Z]")
 _TOGETHER = ({"U", "V", "R"}, {"X", "Y"})
 """Capital letters that are channels without a unit where all of them are there; P may be power, N a row or north."""
 
+_DIRECTIONS = ("psi", "cog")
+_TRUE = re.compile(r"(?<![a-z])(?:t|true|degt)(?![a-z])")
+_MAGNETIC = re.compile(r"(?<![a-z])(?:m|mag|magnetic|degm|hdm)(?![a-z])")
+_OF_NORTH = re.compile(r"[ (]*(?<![a-z])(?:t|true|m|mag|magnetic)(?![a-z])\)?")
+"""The north of a direction, true or magnetic: of its name and unit, and what is none of its name."""
+
+_OF_MINUTES = re.compile(r"d{2,3}m{2}\.m+", re.IGNORECASE)  # unit of degrees and minutes in one number
+
+_SHIP_SPEED = "the speed of the ship"
+"""What the surge velocity is known by in a column V, the symbol of ITTC."""
+
 _PART = re.compile(r"(?:^|[ /])(position|orientation|linear|angular|angular velocity)[ /]([xyzw])$")
 _ROS_FIELD = re.compile(
     r"(?:position|orientation|linear|angular|angular_velocity)[./][xyzw]\b"
@@ -47,8 +58,12 @@ AIS = 4.733  # of the rate of turn, ITU-R M.1371-5, Table 48
 CODES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     "none": lambda cells: cells,
     "ais": lambda cells: np.sign(cells) * (cells / AIS) ** 2,
+    "ddmm": lambda cells: np.trunc(cells / 100.0) + np.fmod(cells, 100.0) / 60.0,
 }
-"""Cells as numbers of their unit, by code; ``ais`` is 4.733 times the root of a rate of turn in deg/min."""
+"""Cells as numbers of their unit, by code.
+
+``ais`` is 4.733 times the root of a rate of turn in deg/min; ``ddmm`` has degrees and minutes in one number, 5329.9996.
+"""
 
 
 MISSING_CODES = {
@@ -81,8 +96,7 @@ _OF_SENSORS = {
     "longitude": (181.0,),
     "delta": (),
 }
-_WHOLE_TURN, _LEAST_TURN = 360.0, 5.0  # deg; the least is of a course that is none beside others
-_FEWEST_CHANGES = 10  # of a course over ground whose heading turns by more than this between two of them
+_WHOLE_TURN, LEAST_TURN = 360.0, 5.0  # deg; the least is of a course that is none beside others
 
 
 def standing_out(values: np.ndarray, cells: np.ndarray, least: float = 0.0, period: float | None = None) -> np.ndarray:
@@ -102,7 +116,7 @@ def standing_out(values: np.ndarray, cells: np.ndarray, least: float = 0.0, peri
 def receiver_stand_ins(name: str, cells: np.ndarray) -> dict[float, np.ndarray]:
     """Cells of a receiver, a heading or a rudder that a stand-in fills, by its number in the unit of the file."""
     left, found = cells.copy(), {}
-    turn, least = (_WHOLE_TURN, _LEAST_TURN) if name in ("cog", "psi") else (None, 0.0)
+    turn, least = (_WHOLE_TURN, LEAST_TURN) if name in ("cog", "psi") else (None, 0.0)
     for number in (*_OF_SENSORS[name], *(one for one in MISSING_CODES[""] if one > _WHOLE_TURN)):
         known = np.flatnonzero(np.isfinite(left))
         values = left[known]
@@ -123,29 +137,50 @@ def plain_text(text: str) -> str:
 
 def without_thousands(
     texts: Mapping[str, list[str]], joined: Mapping[str, str]
-) -> tuple[dict[str, list[str]], dict[str, int]]:
-    """Cells of columns without the separators of groups of three digits, and the number of such cells.
+) -> tuple[dict[str, list[str]], dict[str, int], list[str]]:
+    """Cells of columns without separators of groups of three digits, numbers of such cells, and columns in doubt.
 
-    A file has one decimal mark: where other columns have the point alone, whole numbers such as 1,002 have groups.
+    A file has one decimal mark: where other columns have the point alone, whole numbers such as 1,002 have groups. In
+    doubt are those whose every cell may have groups, such as 1.203, in a file that shows no decimal mark.
     ``joined`` has the cells of each column as one text.
     """
-    plain, counts = dict(texts), {}
+    plain, counts, doubtful = dict(texts), {}, []
     marks = {name: {mark for mark in ",. '’" if mark in text} for name, text in joined.items()}
+    decimal = {name: found & {",", "."} for name, found in marks.items()}
+    groups = {name for name, cells in texts.items() if len(decimal[name]) == 1 and all(map(_is_whole, cells))}
+    is_shown = any(decimal[name] for name in texts if name not in groups)
     for name, cells in texts.items():
-        decimal = marks[name] & {",", "."}
-        whole = len(decimal) == 1 and {",", "."} - decimal in marks.values()
-        if not whole and len(marks[name]) < 2 and decimal == marks[name]:
+        is_other = name in groups and {",", "."} - decimal[name] in marks.values()
+        if name not in groups and len(marks[name]) < 2 and decimal[name] == marks[name]:
             continue
-        found = [(_WHOLE if whole else _THOUSANDS).fullmatch(cell) for cell in cells]
+        if name in groups and is_shown and not is_other:
+            continue
+        found = [(_WHOLE if name in groups else _THOUSANDS).fullmatch(cell) for cell in cells]
         count = sum(one is not None and one.lastindex is not None for one in found)
-        read = all(one or cell.lower() in MISSING_CELLS for one, cell in zip(found, cells, strict=True))
-        if count and (not whole or (read and count < len(cells))):
+        if name in groups and count == sum(one is not None for one in found):
+            doubtful += [] if is_other else [name]
+        elif count and (name not in groups or is_other or _is_smoother(found)):
             plain[name] = [
                 cell.replace(one[one.lastindex], "") if one and one.lastindex else cell
                 for one, cell in zip(found, cells, strict=True)
             ]
             counts[name] = count
-    return plain, counts
+    return plain, counts, doubtful
+
+
+def _is_whole(cell: str) -> bool:
+    """Whether a cell is a whole number, perhaps in groups of three digits, or missing."""
+    return bool(_WHOLE.fullmatch(cell)) or cell.lower() in MISSING_CELLS
+
+
+def _is_smoother(found: Sequence[re.Match[str] | None]) -> bool:
+    """Whether cells with and without groups are closer to each other as thousands than as decimals."""
+    cells = [one for one in found if one]
+    grouped = np.array([one.lastindex is not None for one in cells])
+    thousands = [float(re.sub("[,.]", "", one[0])) for one in cells]
+    decimals = [float(one[0].replace(",", ".")) if one[0].count(one[1] or " ") < 2 else np.inf for one in cells]
+    steps = np.abs(np.diff([thousands, decimals]))[:, np.diff(grouped)]
+    return bool(steps[0].sum() < steps[1].sum())
 
 
 def cell_numbers(cells: Sequence[str]) -> list[float | None]:
@@ -235,27 +270,6 @@ def is_over_ground(names: Collection[str]) -> bool:
     return {"sog", "cog", "psi"} <= set(names) and not {"u", "v"} & set(names)
 
 
-def check_course(
-    columns: Mapping[str, Column], channels: Mapping[str, np.ndarray], time: np.ndarray, where: str
-) -> None:
-    """Raise TrialError for a course over ground [rad] that keeps its value while the heading turns."""
-    if not is_over_ground(columns):
-        return
-    order = np.argsort(time, kind="stable")
-    at, turned = (order[np.isfinite(channels[name] + time)[order]] for name in ("cog", "psi"))
-    if not at.size or not turned.size:
-        return
-    course = channels["cog"][at]
-    heading = np.rad2deg(np.interp(time[at], time[turned], np.unwrap(channels["psi"][turned])))
-    changes = np.flatnonzero(np.diff(course) != 0.0) + 1
-    turn = max(float(np.ptp(part)) for part in np.split(heading, changes))
-    if changes.size < _FEWEST_CHANGES and turn > _LEAST_TURN:
-        raise TrialError(
-            f"{where}, column {columns['cog'].heading!r}: a course over ground turns with the ship, found one value "
-            f"while the heading turns by {turn:.3g} deg; rename a set course, such as 'course_set'."
-        )
-
-
 def quantities() -> dict[str, Channel]:
     """Time, channels, :data:`GROUND` and :data:`QUATERNION` by name: what a column of a file may be."""
     return file_columns() | GROUND | QUATERNION
@@ -271,7 +285,15 @@ def _channels_named(heading: str) -> list[Channel]:
     """Channels that a lower-case heading without unit may name; of a vector's part, the end counts."""
     if part := _PART.search(heading):
         heading = f"{part[1]} {part[2]}"
-    return [one for one in quantities().values() if heading == plain_name(one.name) or heading in one.headings]
+    named = [one for one in quantities().values() if heading == plain_name(one.name) or heading in one.headings]
+    bare = _OF_NORTH.sub("", heading).strip()
+    return named if named or bare == heading else [one for one in _channels_named(bare) if one.name in _DIRECTIONS]
+
+
+def is_from_true_north(heading: str) -> bool:
+    """Whether the heading of a column of directions states that they are true ones."""
+    name, unit = name_and_unit(heading)
+    return bool(_TRUE.search(f"{name} {spelling(unit or '')}"))
 
 
 def channels_of(heading: str) -> list[Channel]:
@@ -295,7 +317,10 @@ def name_and_unit(heading: str) -> tuple[str, str | None]:
 
 def _unit_of(name: str, stated: str) -> str | None:
     """Unit that is stated of a column; None without one, and for a zone or a pattern of a clock."""
-    return None if not stated or (TIME in _channels_named(name) and _OF_CLOCK.fullmatch(stated)) else stated
+    channels = _channels_named(name)
+    if any(one.name in _DIRECTIONS for one in channels) and stated.lower() in ("t", "true"):
+        return "°T"
+    return None if not stated or (TIME in channels and _OF_CLOCK.fullmatch(stated)) else stated
 
 
 def plain_name(name: str) -> str:
@@ -338,8 +363,12 @@ def matched_columns(
 
 def nearest_heading(heading: str, matched: Mapping[str, Column]) -> str:
     """Remark on an unused heading: a capital letter, or a misspelt one of a channel that no column has; else empty."""
-    if _CAPITAL.fullmatch(heading) and (channels := [one for one in channels_of(heading) if one.name not in matched]):
-        return f" (a capital letter without a unit; for the channel {channels[0].name}, write {_with_unit(heading)})"
+    channels = [one for one in channels_of(heading) if one.name not in matched]
+    if channels and _is_symbol(heading, "V") and (heading != "V" or "u" in matched):
+        return f" ({_SHIP_SPEED}; for the channel v, write {_with_unit('v')})"
+    if channels and _CAPITAL.fullmatch(heading):
+        name = _SHIP_SPEED if heading == "V" else f"the channel {channels[0].name}"
+        return f" (a capital letter without a unit; for {name}, write {_with_unit(heading)})"
     lacking = [one for name, one in quantities().items() if name not in matched]
     name, known = name_and_unit(heading)[0], [word for one in lacking for word in (one.name, *one.headings)]
     return "" if name.lower() in map(str.lower, known) else did_you_mean(name, known)
@@ -358,6 +387,7 @@ def _candidates(
     candidates_by_channel: dict[str, list[Column]] = {}
     errors: dict[str, TrialError] = {}
     capitals = _bare_capitals(headings, units)
+    is_pair = any(_is_symbol(heading, "U") for heading in headings)
     for index, heading in enumerate(headings):
         if index in taken or not heading:
             continue
@@ -366,10 +396,17 @@ def _candidates(
             column = None if heading in capitals else _column_of_heading(index, heading, units[index], where, unstated)
         except TrialError as error:
             errors[heading] = error
+        if column and _is_symbol(heading, "V") and not is_pair:
+            column = replace(column, channel="u", named_by=_SHIP_SPEED)
         if column and column.channel not in matched:
             candidates_by_channel.setdefault(column.channel, []).append(column)
         else:
             left_out.append(heading)
+    speeds = [one for one in candidates_by_channel.get("u", []) if one.named_by == _SHIP_SPEED]
+    if speeds and (candidates_by_channel["u"] != speeds or "sog" in {*matched, *candidates_by_channel}):
+        others = [one for one in candidates_by_channel.pop("u") if one not in speeds]
+        candidates_by_channel |= {"u": others} if others else {}
+        left_out += [one.heading for one in speeds]
     needed = [
         heading
         for heading in errors
@@ -382,6 +419,11 @@ def _candidates(
     if needed:
         raise errors[needed[0]]
     return left_out, candidates_by_channel
+
+
+def _is_symbol(heading: str, letter: str) -> bool:
+    """Whether a heading is a capital letter as written, perhaps with a unit."""
+    return heading.startswith(letter) and name_and_unit(heading)[0] == letter.lower()
 
 
 def _bare_capitals(headings: Sequence[str], units: Sequence[str]) -> set[str]:
@@ -419,6 +461,8 @@ def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[s
         if (c.heading, c.unit) != (c.channel, quantities()[c.channel].unit.name)
     ]
     notes = [f"Columns read: {', '.join(read)}."] if read else []
+    if "u" in columns and columns["u"].named_by == _SHIP_SPEED:
+        notes.append(f"{columns['u'].heading!r} taken as {_SHIP_SPEED}, which is u but for drift; for v, write v.")
     if is_over_ground(columns) and name_and_unit(columns["cog"].heading)[0] == "course":
         notes.append(f"{columns['cog'].heading!r} taken as course over ground; rename the column if it is a set one.")
     return [*notes, f"Columns left out: {', '.join(left_out)}."] if left_out else notes
@@ -427,6 +471,8 @@ def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[s
 def _single_column(channel: str, columns: list[Column], where: str, coarse: Collection[int]) -> Column:
     exact = [column for column in columns if column.index not in coarse] or columns
     candidates = [column for column in exact if column.heading == channel] or exact
+    if {name_and_unit(column.heading)[0] for column in candidates} == {channel}:  # of u and U, the symbol as written
+        candidates = [column for column in candidates if column.heading.startswith(channel)] or candidates
     if channel == TIME.name:  # clocks of a file show the same time
         return min(candidates, key=lambda column: _clock_rank(column.heading))
     if len(candidates) > 1:
@@ -447,12 +493,18 @@ def _column_of_heading(
     if not channels:
         return None
     unit = stated or _unit_of(name, unit_below) or (name if channels[0].unit.factor(name) else None)
+    if channels[0].name in _DIRECTIONS and _MAGNETIC.search(f"{name} {spelling(unit or '')}"):
+        raise TrialError(
+            f"{where}, column {heading!r}: a direction is counted from true north, found a magnetic one; state the "
+            f'declination, [columns] {channels[0].name} = {{ column = "{heading}", unit = "deg", offset = 2.5 }}.'
+        )
     if not unit:
         return _without_unit(index, heading, channels, where, unstated)
     unit_by = "its name" if unit != unit_below or stated else "the file"
+    unit, code = ("deg", "ddmm") if _OF_MINUTES.fullmatch(unit) else (unit, Column.code)
     for channel in channels:
         if factor := channel.unit.factor(unit):
-            known: dict[str, Any] = {"named_by": _named_by(channel, name, heading), "unit_by": unit_by}
+            known: dict[str, Any] = {"named_by": _named_by(channel, name, heading), "unit_by": unit_by, "code": code}
             return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor, **known)
     if is_unit(unit):
         return None

@@ -13,12 +13,22 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
-from pymc_ship.records.files.columns import CODES, GROUND, QUATERNION, SETTINGS, is_over_ground, quantities
+from pymc_ship.records.files.columns import (
+    CODES,
+    GROUND,
+    LEAST_TURN,
+    QUATERNION,
+    SETTINGS,
+    Column,
+    is_over_ground,
+    quantities,
+)
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import OVER_GROUND
 
 _EARTH = 6.371e6  # m
 _FARTHEST = 1e5  # m, where the plane is off by 4 m
+_FEWEST_CHANGES = 10  # of a course over ground whose heading turns by LEAST_TURN between two of them
 
 DELIMITERS = (",", ";", "\t", " ")  # the space stands for any white space
 
@@ -250,6 +260,27 @@ def with_ground(
     return channels, layout, notes
 
 
+def check_course(
+    columns: Mapping[str, Column], channels: Mapping[str, np.ndarray], time: np.ndarray, where: str
+) -> None:
+    """Raise TrialError for a course over ground [rad] that keeps its value while the heading turns."""
+    if not is_over_ground(columns):
+        return
+    order = np.argsort(time, kind="stable")
+    at, turned = (order[np.isfinite(channels[name] + time)[order]] for name in ("cog", "psi"))
+    if not at.size or not turned.size:
+        return
+    course = channels["cog"][at]
+    heading = np.rad2deg(np.interp(time[at], time[turned], np.unwrap(channels["psi"][turned])))
+    changes = np.flatnonzero(np.diff(course) != 0.0) + 1
+    turn = max(float(np.ptp(part)) for part in np.split(heading, changes))
+    if changes.size < _FEWEST_CHANGES and turn > LEAST_TURN:
+        raise TrialError(
+            f"{where}, column {columns['cog'].heading!r}: a course over ground turns with the ship, found one value "
+            f"while the heading turns by {turn:.3g} deg; rename a set course, such as 'course_set'."
+        )
+
+
 def _apart(first: np.ndarray, second: np.ndarray) -> bool:
     """Whether no row has both quantities, which have rows of their own."""
     return bool(np.isfinite(first).any() and np.isfinite(second).any() and not np.isfinite(first + second).any())
@@ -267,9 +298,11 @@ def _local_plane(latitude: np.ndarray, longitude: np.ndarray, where: str) -> tup
     fixes = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
     degrees = np.abs(np.rad2deg([latitude[fixes], longitude[fixes]]))
     if not fixes.size or (degrees > [[90.0], [360.0]]).any():
-        with_minutes = fixes.size and (degrees < [[9000.0], [18000.0]]).all() and (degrees % 100.0 < 60.0).all()
-        reason = "found degrees and minutes in one number; convert them" if with_minutes else "correct the unit"
-        raise TrialError(f"{where}: a latitude is within 90 deg and a longitude within 360 deg; {reason}.")
+        largest = ", ".join(f"{angle:.7g}" for angle in degrees.max(axis=1, initial=0.0))
+        raise TrialError(
+            f"{where}: a latitude is within 90 deg and a longitude within 360 deg, found up to {largest} deg; correct "
+            "the cells, or state their unit."
+        )
     first = (latitude[fixes[0]], longitude[fixes[0]], 0.0)
     east, north, _ = geodetic2enu(latitude, longitude, 0.0, *first, deg=False)
     far = float(np.nanmax(np.hypot(east, north)))

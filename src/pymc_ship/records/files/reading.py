@@ -34,7 +34,6 @@ from pymc_ship.records.files.columns import (
     Column,
     cell_numbers,
     channels_of,
-    check_course,
     clock_column,
     is_over_ground,
     is_unit,
@@ -48,6 +47,7 @@ from pymc_ship.records.files.columns import (
 from pymc_ship.records.files.format import (
     TrialFormat,
     at_origin,
+    check_course,
     full_scale,
     load_format,
     with_ground,
@@ -55,9 +55,17 @@ from pymc_ship.records.files.format import (
     with_true_wind,
 )
 from pymc_ship.records.files.interpolation import brought_together, interpolated
-from pymc_ship.records.files.sides import FOUND, SIDES, bare_numbers, letters_of, shows_axes, with_rudder_side
+from pymc_ship.records.files.sides import (
+    FOUND,
+    SIDES,
+    bare_numbers,
+    letters_of,
+    shows_axes,
+    with_minutes,
+    with_rudder_side,
+)
 from pymc_ship.records.files.tables import Columns, bag_of, binary_columns, cell_texts, check_size, nmea_columns
-from pymc_ship.records.files.time_base import Regular, regular, rounding
+from pymc_ship.records.files.time_base import Regular, in_order, regular, rounding
 from pymc_ship.trial.channels import CHANNELS, TIME
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
 
@@ -163,6 +171,8 @@ def _chosen_columns(
     layout = replace(layout, **settings)
     unstated, coarse = layout.unstated_units, _coarse(table)
     columns, notes = matched_columns(table.headings, table.units, layout.columns, where, unstated, coarse)
+    columns, minute_notes = with_minutes(columns, table.rows)
+    notes += minute_notes
     if not layout.convention and any(column.named_by == ROS for column in columns.values()):
         layout = replace(layout, convention="enu-flu")
         notes.append('Axes of ROS: x east, y north, v to port; for others, state the convention, such as "ned".')
@@ -191,7 +201,7 @@ def _time_series(
         channels, layout, sign_notes = _in_ship_axes(raw, stated, where)
         sign_notes += pair_notes + [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
     if table.begins:
-        time, quantum, channels = _in_order(time, quantum, channels, table.begins)
+        time, quantum, channels = in_order(time, quantum, channels, table.begins)
     series = regular(time, quantum, channels, where)
     notes = [*clock_notes, *cell_notes, *_implausible(columns, cells), *sign_notes, *series.notes]
     return series._replace(notes=notes), layout
@@ -274,14 +284,17 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     if len(content) < 3:
         raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(content)} lines; check it.")
     delimiter = layout.delimiter or _delimiter(content[0][1])
-    rows = [(number, _cells_of_line(line, delimiter)) for number, line in content[1:]]
-    headings = _headings(content[0][1], delimiter, len(rows[0][1]))
+    first = _cells_of_line(content[1][1], delimiter)
+    heads = [line.strip() for _, line in content[: 2 if _is_unit_row(first) else 1]]
+    body = [(number, line) for number, line in content[len(heads) :] if line.strip() not in heads]
+    again = len(content) - len(heads) - len(body)
+    rows = [(number, _cells_of_line(line, delimiter)) for number, line in body]
+    headings = _headings(content[0][1], delimiter, max([len(first), *(len(cells) for _, cells in rows)]))
     check_size(path, [len(rows)] * len(headings))
-    units = [""] * len(headings)
-    if _is_unit_row(rows[0][1]):
-        units = [cell.strip(_AROUND_UNITS) for cell in rows.pop(0)[1]]
-        units += [""] * (len(headings) - len(units))
+    units = [cell.strip(_AROUND_UNITS) for cell in first] if len(heads) > 1 else []
+    units += [""] * (len(headings) - len(units))
     whole, notes = _whole_rows(rows, len(headings), path)
+    notes = [f"The header is repeated {again} times: these lines left out.", *notes] if again else notes
     notes = [f"{titles} lines before the header left out.", *notes] if titles else notes
     cells, at = [row for _, row in whole], [number for number, _ in whole]
     table = TextTable(headings, units, cells, lines=at, notes=notes)
@@ -324,38 +337,6 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
         raise TrialError(f"{folder}: the time of the files of a run has one unit, found {found}; state the same one.")
     rows = [row + [""] * (len(headings) - len(row)) for row in joined.rows]
     return replace(joined, rows=rows, rudder_positive=side, shows_axes=own)
-
-
-def _in_order(
-    time: np.ndarray, quantum: np.ndarray, channels: dict[str, np.ndarray], begins: Mapping[str, int]
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Rows of several files in the order of time; TrialError where one goes back, or ends before another begins."""
-    bounds = [*begins.values(), time.size]
-    spans: dict[str, tuple[float, float]] = {}
-    for name, begin, end in zip(begins, bounds[:-1], bounds[1:], strict=True):
-        steps = np.diff(time[begin:end][np.isfinite(time[begin:end])])
-        if (steps < 0.0).any():
-            raise TrialError(
-                f"{name}: the time of a file that is joined to others must not go back, found a step of "
-                f"{steps.min():.4g} s; mend its clock, or take the file out of the folder."
-            )
-        if np.isfinite(time[begin:end]).any():
-            spans[name] = float(np.nanmin(time[begin:end])), float(np.nanmax(time[begin:end]))
-    _check_overlap(spans)
-    order = np.argsort(time, kind="stable")
-    return time[order], quantum[order], {name: values[order] for name, values in channels.items()}
-
-
-def _check_overlap(spans: Mapping[str, tuple[float, float]]) -> None:
-    """Raise TrialError if a file begins [s] after another ends."""
-    late = max(spans, key=lambda name: spans[name][0], default="")
-    early = min(spans, key=lambda name: spans[name][1], default="")
-    if late and spans[late][0] > spans[early][1]:
-        apart = spans[late][0] - spans[early][0]
-        raise TrialError(
-            f"{late}: the clocks of the files of a run overlap, found its first row {apart:.4g} s after "
-            f"that of {early}, which ends before; set both to one clock, such as one time zone."
-        )
 
 
 def _table_of_series(columns: Columns, notes: list[str]) -> TextTable:
@@ -428,7 +409,10 @@ def _cells_of_line(line: str, delimiter: str) -> list[str]:
 
 
 def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
-    """Names in the header; in a table with white space a bracketed unit belongs to the name before it."""
+    """Names in the header, but for the last without cells, such as remarks, in rows of ``n_cells`` at most.
+
+    In a table with white space a bracketed unit belongs to the name before it.
+    """
     if delimiter != " ":
         headings = [heading.strip() for heading in _cells_of_line(line, delimiter)]
     else:
@@ -436,8 +420,10 @@ def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
         headings = joined.split()
         if len(headings) != n_cells:
             headings = re.split(r"\s{2,}|\t", joined)
-    while headings and not headings[-1]:
+    spare = len(headings) - n_cells if any(map(channels_of, headings)) else 0
+    while headings and (not headings[-1] or (spare > 0 and not channels_of(headings[-1]))):
         headings.pop()
+        spare -= 1
     return [*map(_heading, headings)]
 
 
@@ -448,7 +434,8 @@ def _heading(text: str) -> str:
 
 
 def _is_unit_row(cells: list[str]) -> bool:
-    return any(is_unit(cell) for cell in cells) and not any(_is_number(cell) for cell in cells)
+    words = any(channels_of(cell) and not is_unit(cell) for cell in cells)
+    return any(map(is_unit, cells)) and not (words or any(map(_is_number, cells)))
 
 
 def _is_number(cell: str) -> bool:
@@ -471,7 +458,10 @@ def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[
         raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(filled)} complete; check it.")
     for number, cells in filled:
         if len(cells) < n or any(map(str.strip, cells[n:])):
-            raise TrialError(f"{path}, line {number}: the header has {n} columns, found {len(cells)}; mend it.")
+            raise TrialError(
+                f"{path}, line {number}: the header has {n} columns, found {len(cells)}; mend it, or state how many "
+                "lines stand before the header, skip_rows, in a format file."
+            )
     return filled, notes
 
 
@@ -542,11 +532,16 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
     """Numbers of each column, NaN for missing cells."""
     texts = {name: [row[column.index].strip() for row in table.rows] for name, column in columns.items()}
     joined = {name: "".join(cells) for name, cells in texts.items()}
-    texts, counts = without_thousands(texts, joined)
+    texts, counts, doubtful = without_thousands(texts, joined)
     joined |= {name: "".join(texts[name]) for name in counts}
     notes = [f"Thousands separators of {count} cells of {columns[k].heading} left out." for k, count in counts.items()]
-    comma = any("," in text for text in joined.values()) and not any("." in text for text in joined.values())
-    if comma:
+    notes += [
+        f"{columns[name].heading}: marks as in {texts[name][0]!r} taken as decimal; if they separate thousands, leave "
+        "them out of the file."
+        for name in doubtful
+    ]
+    with_mark = {mark: [name for name, text in joined.items() if mark in text] for mark in ",."}
+    if with_mark[","] and not with_mark["."]:
         texts = {name: [cell.replace(",", ".") for cell in cells] for name, cells in texts.items()}
         notes.append("Decimal commas read as points.")
     numbers = {}
@@ -554,9 +549,12 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
         values = cell_numbers(cells)
         if None in values:
             position = values.index(None)
+            cell = cells[position][:_LONGEST_STAMP]
+            marked = ", ".join(columns[one].heading for one in with_mark["."] if "," in cell)
+            remedy = f"beside points in {marked}; write one decimal mark" if marked else "correct or empty the cell"
             raise TrialError(
                 f"{path}, line {table.lines[position]}, column {columns[name].heading}: a number is needed, found "
-                f"{cells[position][:_LONGEST_STAMP]!r}; correct or empty the cell."
+                f"{cell!r}{' ' if marked else '; '}{remedy}."
             )
         numbers[name] = np.array(values)
         numbers[name][~(np.abs(numbers[name]) < _LARGEST)] = np.nan

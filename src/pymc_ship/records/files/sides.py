@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,9 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.files.columns import (
     MISSING_CELLS,
     Column,
+    cell_numbers,
     channels_of,
+    is_from_true_north,
     is_unit,
     name_and_unit,
     plain_name,
@@ -41,7 +43,7 @@ MIRROR_IMAGE = (
 )
 
 _OF_THE_EARTH = ("north", "northing", "east", "easting")  # headings of x and y
-_OF_THE_COMPASS = ("hdt", "ths", "hdg", "true heading", "heading true", "gyro", "gyro heading")  # of psi
+_OF_THE_COMPASS = ("hdt", "ths", "hdg", "gyro", "gyro heading")  # of psi
 _OF_THE_BRIDGE = ("rot", "rate of turn")  # of r, positive to starboard
 
 
@@ -225,6 +227,8 @@ def shows_axes(columns: Mapping[str, Column], layout: TrialFormat) -> bool:
     if layout.convention or layout.heading != "clockwise":
         return True
     names = {channel: plain_name(column.heading.split("[")[0]) for channel, column in columns.items()}
+    if "psi" in columns and is_from_true_north(columns["psi"].heading):
+        return True
     if names.get("psi") in _OF_THE_COMPASS or names.get("r") in _OF_THE_BRIDGE:
         return True
     earth = {names.get("x"), names.get("y")} & {*_OF_THE_EARTH} or {"latitude", "longitude", "cog"} & {*columns}
@@ -277,6 +281,20 @@ def bare_numbers(heading: str, unit: str, rows: Sequence[Sequence[str]], k: int)
     unit = unit or (words.pop() if not sided else "" if "P" in signs else "deg")
     notes.append(f"{heading}: {' and '.join([*signs][:2]) if sided else unit} behind each number read.")
     return BareNumbers(bare, unit, notes, channel if sided else "")
+
+
+def with_minutes(columns: dict[str, Column], rows: Sequence[Sequence[str]]) -> tuple[dict[str, Column], list[str]]:
+    """Columns of positions that have degrees and minutes in one number, as most are none in degrees; a sentence."""
+    pair = [columns[name] for name in ("latitude", "longitude") if name in columns]
+    if len(pair) < 2 or any(one.code != Column.code or one.factor == 1.0 for one in pair):
+        return columns, []
+    cells = [cell_numbers([row[one.index].strip().replace(",", ".") for row in rows]) for one in pair]
+    angles = np.abs(np.array(cells, dtype=float))  # None is NaN
+    angles = angles[:, np.isfinite(angles).all(axis=0)]
+    if not angles.size or (np.median(angles, axis=1) <= [90.0, 360.0]).all() or (angles % 100.0 >= 60.0).any():
+        return columns, []
+    note = f"{' and '.join(one.heading for one in pair)}: degrees and minutes in one number (ddmm.mmmm) read."
+    return columns | {one.channel: replace(one, code="ddmm") for one in pair}, [note]
 
 
 def _word(matched: re.Match[str]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from decimal import Decimal
 from typing import NamedTuple
 
@@ -52,6 +52,38 @@ def rounding(cells: np.ndarray) -> np.ndarray:
     quantum = np.zeros_like(cells)
     quantum[known] = np.maximum(10.0**-decimals, 10.0 ** (magnitude + 1 - max(digits, _FEWEST_DIGITS)))
     return quantum
+
+
+def in_order(
+    time: np.ndarray, quantum: np.ndarray, channels: dict[str, np.ndarray], begins: Mapping[str, int]
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Rows of several files in the order of time; TrialError where one goes back, or ends before another begins."""
+    bounds = [*begins.values(), time.size]
+    spans: dict[str, tuple[float, float]] = {}
+    for name, begin, end in zip(begins, bounds[:-1], bounds[1:], strict=True):
+        steps = np.diff(time[begin:end][np.isfinite(time[begin:end])])
+        if (steps < 0.0).any():
+            raise TrialError(
+                f"{name}: the time of a file that is joined to others must not go back, found a step of "
+                f"{steps.min():.4g} s; mend its clock, or take the file out of the folder."
+            )
+        if np.isfinite(time[begin:end]).any():
+            spans[name] = float(np.nanmin(time[begin:end])), float(np.nanmax(time[begin:end]))
+    _check_overlap(spans)
+    order = np.argsort(time, kind="stable")
+    return time[order], quantum[order], {name: values[order] for name, values in channels.items()}
+
+
+def _check_overlap(spans: Mapping[str, tuple[float, float]]) -> None:
+    """Raise TrialError if a file begins [s] after another ends."""
+    late = max(spans, key=lambda name: spans[name][0], default="")
+    early = min(spans, key=lambda name: spans[name][1], default="")
+    if late and spans[late][0] > spans[early][1]:
+        apart = spans[late][0] - spans[early][0]
+        raise TrialError(
+            f"{late}: the clocks of the files of a run overlap, found its first row {apart:.4g} s after "
+            f"that of {early}, which ends before; set both to one clock, such as one time zone."
+        )
 
 
 def regular(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str) -> Regular:
