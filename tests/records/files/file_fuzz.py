@@ -70,7 +70,8 @@ def spoilt_table(table: dict[str, np.ndarray], rng: np.random.Generator) -> dict
         elif kind == 3:
             spoilt[name] = values[rng.permutation(values.size)]
         elif kind == 4:
-            spoilt[name] = values * float(rng.choice([1e-9, 1e3, 1e9, -1.0, 1e30, 0.0]))
+            with np.errstate(all="ignore"):
+                spoilt[name] = values * float(rng.choice([1e-9, 1e3, 1e9, -1.0, 1e30, 0.0]))
         elif kind == 5:
             spoilt[name] = np.full(values.size, rng.choice(_NUMBERS))
         elif kind == 6:

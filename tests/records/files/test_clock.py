@@ -289,3 +289,32 @@ def test_stamps_that_do_not_tell_the_rows_apart_are_refused(read):
     begin = (BEGIN - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
     with refused(ps.TrialError, "time", COUNT):
         read(table([f"{begin + STEP * k:.7E}" for k in range(COUNT)]))
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [("min", 60.0), ("h", 3600.0), ("days", 86400.0)])
+def test_a_clock_in_which_no_ship_could_turn_is_stated(container, read, unit, seconds):
+    """Speed and heading alone do not show the unit, but a turn of more than 3 m/s2 is none of a ship."""
+    zigzag = ps.simulate(container, ps.zigzag(20, 20), duration=300.0, record_interval=1.0)
+    columns = [zigzag[name].values for name in ("u", "psi")]
+    rows = [",".join(map(repr, map(float, row))) for row in zip(*columns, strict=True)]
+    for factor in (1.0, seconds):
+        text = "\n".join(["Time,u,psi", *(f"{k / factor:.8f},{row}" for k, row in enumerate(rows))])
+        words = read(text).attrs["reading"]
+        assert ("in which samples are" in words) == (factor > 1.0)
+        assert (f'unit = "{unit}"' in words) == (factor > 1.0)
+
+
+@pytest.mark.parametrize("heading", ["ms", "msec", "Milliseconds"])
+@pytest.mark.parametrize(("clock", "stamp"), [("Time", "09:59:{:02d}"), ("sec", "{:d}"), ("Hour,Min,Sec", "9,59,{:d}")])
+def test_milliseconds_beside_a_stamp_are_its_decimals(read, heading, clock, stamp):
+    rows = [f"{stamp.format(k // 4)},{250 * (k % 4)},{0.01 * k:.2f}" for k in range(40)]
+    trial = read("\n".join([f"{clock},{heading},u", *rows]))
+    np.testing.assert_allclose(np.diff(trial["time"]), 0.25)
+    assert trial.sizes["time"] == 40
+    assert f"'{heading}' added to" in trial.attrs["reading"]
+
+
+@pytest.mark.parametrize("cell", ["1250", "-250", "2.5"])
+def test_a_column_that_is_no_fraction_stays(read, cell):
+    trial = read("\n".join(["Time,ms,u", *(f"09:59:{k:02d},{cell},5" for k in range(9))]))
+    assert "Columns left out: ms" in trial.attrs["reading"]

@@ -77,7 +77,8 @@ class TestText:
 
     @pytest.mark.parametrize("north", [33.9, -33.9])
     @pytest.mark.parametrize(
-        "form", ["columns", "{d}°{m:.7f}'{s}", "{s} {d} {m:.7f}", "{d}°{w}'{t:.5f}\"{s}", "{d}:{m:.7f}{s}"]
+        "form",
+        ["columns", "{d}°{m:.7f}'{s}", "{s} {d} {m:.7f}", "{d}°{w}'{t:.5f}\"{s}", "{d}:{m:.7f}{s}", "{d}-{m:.7f}{s}"],
     )
     def test_positions_with_minutes_and_letters(self, run, read, form, north):
         """Also the letters of hemispheres in columns of their own, which signed numbers do not need."""

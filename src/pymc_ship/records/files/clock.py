@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.records.files.columns import Column, name_and_unit, plain_name
+from pymc_ship.records.files.columns import Column, channels_of, name_and_unit, plain_name
+from pymc_ship.trial.channels import TIME
 
 DAY, WEEK = 86400.0, 604800.0
 _EPOCH = (1e9, 2.6e9)  # s since 1970: September 2001 to 2052
@@ -37,7 +38,11 @@ _ZONE = re.compile(r"\s*(?:Z|UTC|GMT|\s[A-Z]{3,4}|[+-]\d{2}:?\d{2})$")
 _DATE = re.compile(r"\d+([-/.])\w+\1\d+")  # without a time, as spreadsheets write midnight
 _WHOLE_SECONDS = re.compile(r"(:\d{2}:\d{2})(?![.\d])")
 _MIDNIGHT = re.compile(r"(?<![\d:.])24(:00(?::00(?:\.0*)?)?)(?![:\d])")  # the end of a day
-_NANOSECONDS = re.compile(r"(.*?)n(?:ano)?_?secs?(?:onds)?")
+_FRACTIONS = re.compile(r"(.*?)([nm])(?:ano|illi)?_?s(?:ecs?|econds?)?")  # of a second, in a column of their own
+_DIGITS = {"n": 9, "m": 3}
+_WHOLE_STAMP = re.compile(r"(?:.*:\d{1,2}|\d+)")
+_FASTEST = 5e-4  # s between samples, below which numbers of no unit are probably no seconds
+_HARDEST = 3.0  # m/s2 of a turn, from which they are probably none, either: ships stay below 1
 
 _DATE_PARTS = (
     {"year", "yyyy"},
@@ -47,20 +52,29 @@ _DATE_PARTS = (
     {"min", "minute", "minutes"},
     {"sec", "secs", "second", "seconds", "ss"},
 )
+_SECONDS = _DATE_PARTS[-1]
 
 Channels = dict[str, np.ndarray]
 Clock = tuple[np.ndarray, np.ndarray, list[str]]  # stamps [s], their resolution [s], sentences
 
 
-def nanosecond_columns(headings: Sequence[str]) -> dict[int, int]:
-    """Columns of nanoseconds by that of the seconds beside them, such as ``secs`` and ``nsecs``."""
+def fraction_columns(headings: Sequence[str]) -> dict[int, tuple[int, int]]:
+    """Columns of milli- or nanoseconds, and their digits, by that of the seconds or stamps beside them."""
     names = [plain_name(heading) for heading in headings]
-    found: dict[int, int] = {}
+    found: dict[int, tuple[int, int]] = {}
     for index, name in enumerate(names):
-        matched = _NANOSECONDS.fullmatch(name)
-        seconds = [f"{matched[1]}{word}" for word in ("sec", "secs", "seconds")] if matched else []
-        found |= {names.index(other): index for other in seconds if other in names}
+        if matched := _FRACTIONS.fullmatch(name):
+            beside = [k for k, one in enumerate(names) if one in [matched[1] + word for word in _SECONDS]]
+            before = [index - 1] if index and not matched[1] and TIME in channels_of(headings[index - 1]) else []
+            found |= dict.fromkeys((beside or before)[:1], (index, _DIGITS[matched[2]]))
     return found
+
+
+def with_fraction(stamp: str, fraction: str, digits: int) -> str:
+    """Stamp of whole seconds with the decimals of another cell; ValueError for other cells."""
+    if not (_WHOLE_STAMP.fullmatch(stamp.strip()) and fraction.strip().isdecimal() and len(fraction.strip()) <= digits):
+        raise ValueError(fraction)
+    return f"{stamp.strip()}.{int(fraction):0{digits}d}"
 
 
 def date_columns(headings: Sequence[str]) -> list[int]:
@@ -312,6 +326,12 @@ def _probable_unit(cells: np.ndarray, step: float, column: Column, channels: Cha
             return unit, [] if unit == "s" else [sentence]
     known = cells[np.isfinite(cells)]
     if step < _LONGEST_STEP or (known % 1.0).any():
+        turn = _hardest_turn(cells, channels)
+        if 0.0 < step < _FASTEST or turn > _HARDEST:
+            probable = (unit for unit in ("min", "h") if turn < _UNITS[unit] and step * _UNITS[unit] > _FASTEST)
+            why = f"samples are {step:.3g} s apart" + (f" and the ship turns at {turn:.2g} m/s2" if turn else "")
+            key = _key(column, next(probable, "days"))
+            return "s", [f"time from {column.heading!r} read in s, in which {why}; {key}"]
         return "s", []
     unit = next((unit for unit in ("ms", "us", "ns") if _UNITS[unit] * step < _LONGEST_STEP), "s")
     sentence = f"time from {column.heading!r} read in {unit}: in s there were {step:g} s between samples; "
@@ -333,6 +353,16 @@ def _ratios(cells: np.ndarray, channels: Channels) -> list[tuple[float, str]]:
         rate = np.abs(_integrals(cells[rows], _filled(channels["r"])[rows])).sum()
         ratios += [(float(turn / rate), "heading and yaw rate")] if turn > _LEAST_TURN and rate > 0.0 else []
     return ratios
+
+
+def _hardest_turn(cells: np.ndarray, channels: Channels) -> float:
+    """Acceleration [m/s2] of the ship in its turns if the stamps are seconds; 0 without heading and speed."""
+    rows = _common_rows(cells, channels, ("psi", "u"))
+    if rows is None:
+        return 0.0
+    turns, steps = (np.abs(_chords(values)) for values in (np.unwrap(_filled(channels["psi"])[rows]), cells[rows]))
+    rates = turns[steps > 0.0] / steps[steps > 0.0]
+    return float(np.nanmedian(np.abs(channels["u"][rows])) * np.quantile(rates, 0.9)) if rates.size else 0.0
 
 
 def _common_rows(cells: np.ndarray, channels: Channels, names: tuple[str, ...]) -> np.ndarray | None:

@@ -23,8 +23,9 @@ from pymc_ship.records.files.clock import (
     clock_of_numbers,
     clock_of_text,
     date_columns,
-    nanosecond_columns,
+    fraction_columns,
     stamp_of_parts,
+    with_fraction,
 )
 from pymc_ship.records.files.columns import (
     GROUND,
@@ -466,14 +467,14 @@ def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[
 
 
 def _with_whole_stamps(table: TextTable) -> TextTable:
-    """Table whose nanoseconds are decimals of the seconds beside them, and whose parts of a date are one stamp."""
+    """Table whose milli- or nanoseconds are decimals of the stamps beside, and whose parts of a date are one stamp."""
     headings, rows, notes = list(table.headings), table.rows, list(table.notes)
-    for seconds, nanoseconds in nanosecond_columns(headings).items():
+    for seconds, (fraction, digits) in fraction_columns(headings).items():
         with suppress(ValueError):
-            stamps = [f"{int(row[seconds])}.{int(row[nanoseconds]):09d}" for row in rows]
+            stamps = [with_fraction(row[seconds], row[fraction], digits) for row in rows]
             rows = [[*row[:seconds], stamp, *row[seconds + 1 :]] for row, stamp in zip(rows, stamps, strict=True)]
-            notes.append(f"{headings[nanoseconds]!r} added to {headings[seconds]!r}.")
-            headings[nanoseconds] = ""
+            notes.append(f"{headings[fraction]!r} added to {headings[seconds]!r}.")
+            headings[fraction] = ""
     if parts := date_columns(headings):
         *others, last = parts
         notes.append(f"Stamps of {', '.join(repr(headings[k]) for k in parts)}.")

@@ -54,11 +54,11 @@ _LETTERS |= dict.fromkeys(("delta", "r", "v"), _STARBOARD)
 SIDES = frozenset(letter for signs in _LETTERS.values() for letter in signs)
 
 _MINUTES = re.compile(
-    r"(?P<before>[NSEW]?)\s*(?P<sign>[-+]?)(?P<degrees>\d{1,3})\s*[°:\s]\s*"
+    r"(?P<before>[NSEW]?)\s*(?P<sign>[-+]?)(?P<degrees>\d{1,3})\s*[°:\s-]\s*"
     r"(?P<minutes>[0-5]?\d(?:[.,]\d+)?|60(?:[.,]0+)?)\s*['′’:\s]?\s*"
     r"(?:(?P<seconds>[0-5]?\d(?:[.,]\d+)?|60(?:[.,]0+)?)\s*(?:[\"″”]|'')?)?\s*(?P<behind>[NSEW]?)",
     re.IGNORECASE,
-)  # 53°29.9996'N, 53 29 59.98 N, 53:29.9996
+)  # 53°29.9996'N, 53 29 59.98 N, 53:29.9996, 53-29.9996N
 _LETTER = re.compile(r"[^\W\d_]|[°:]|\d \d")
 _NO_NUMBER = re.compile(r"[^-+.,0-9]")  # found faster than a letter where there is none
 _NUMBER_AND_WORD = re.compile(
