@@ -159,6 +159,8 @@ class TestText:
         trial = read("\n".join(["time;x;u", *(f"{k};{value:,};7".replace(",", ".") for k, value in enumerate(x))]))
         np.testing.assert_array_equal(trial["x"], x)
         assert trial.attrs["reading"] == "Thousands separators of 5 cells of x left out."
+        rows = (f"{k};{value:,};{value + 9000:,}".replace(",", ".") for k, value in enumerate(x))
+        np.testing.assert_array_equal(read("\n".join(["time;x;y", *rows]))["y"], x + 9000)
         trial = read("\n".join(["time;x;u", *(f"{k};{5 + k % 2 * 0.125};7" for k in range(9))]).replace("5.0", "5"))
         np.testing.assert_array_equal(trial["x"], 5.0 + 0.125 * (np.arange(9) % 2))
 

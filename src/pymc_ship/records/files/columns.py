@@ -144,28 +144,26 @@ def without_thousands(
     doubt are those whose every cell may have groups, such as 1.203, in a file that shows no decimal mark.
     ``joined`` has the cells of each column as one text.
     """
-    plain, counts, doubtful = dict(texts), {}, []
+    plain, counts = dict(texts), {}
     marks = {name: {mark for mark in ",. '’" if mark in text} for name, text in joined.items()}
     decimal = {name: found & {",", "."} for name, found in marks.items()}
     groups = {name for name, cells in texts.items() if len(decimal[name]) == 1 and all(map(_is_whole, cells))}
+    mixed = {name for name in groups if any(map(str.isdecimal, texts[name]))}
     is_shown = any(decimal[name] for name in texts if name not in groups)
+    are_thousands = not is_shown and any(_is_smoother(texts[name]) for name in mixed)
     for name, cells in texts.items():
-        is_other = name in groups and {",", "."} - decimal[name] in marks.values()
-        if name not in groups and len(marks[name]) < 2 and decimal[name] == marks[name]:
+        is_other = name in mixed and {",", "."} - decimal[name] in marks.values()
+        is_whole = name in groups and (are_thousands or is_other)
+        if not is_whole and (name in groups or (len(marks[name]) < 2 and decimal[name] == marks[name])):
             continue
-        if name in groups and is_shown and not is_other:
-            continue
-        found = [(_WHOLE if name in groups else _THOUSANDS).fullmatch(cell) for cell in cells]
-        count = sum(one is not None and one.lastindex is not None for one in found)
-        if name in groups and count == sum(one is not None for one in found):
-            doubtful += [] if is_other else [name]
-        elif count and (name not in groups or is_other or _is_smoother(found)):
+        found = [(_WHOLE if is_whole else _THOUSANDS).fullmatch(cell) for cell in cells]
+        if count := sum(one is not None and one.lastindex is not None for one in found):
+            counts[name] = count
             plain[name] = [
                 cell.replace(one[one.lastindex], "") if one and one.lastindex else cell
                 for one, cell in zip(found, cells, strict=True)
             ]
-            counts[name] = count
-    return plain, counts, doubtful
+    return plain, counts, [name for name in texts if name in groups - mixed and not (is_shown or counts)]
 
 
 def _is_whole(cell: str) -> bool:
@@ -173,12 +171,12 @@ def _is_whole(cell: str) -> bool:
     return bool(_WHOLE.fullmatch(cell)) or cell.lower() in MISSING_CELLS
 
 
-def _is_smoother(found: Sequence[re.Match[str] | None]) -> bool:
-    """Whether cells with and without groups are closer to each other as thousands than as decimals."""
-    cells = [one for one in found if one]
-    grouped = np.array([one.lastindex is not None for one in cells])
-    thousands = [float(re.sub("[,.]", "", one[0])) for one in cells]
-    decimals = [float(one[0].replace(",", ".")) if one[0].count(one[1] or " ") < 2 else np.inf for one in cells]
+def _is_smoother(cells: Sequence[str]) -> bool:
+    """Whether whole numbers with and without groups are closer to each other as thousands than as decimals."""
+    known = [cell for cell in cells if _WHOLE.fullmatch(cell)]
+    grouped = np.array([not cell.lstrip("+-").isdecimal() for cell in known])
+    thousands = [float(re.sub("[,.]", "", cell)) for cell in known]
+    decimals = [number / 1e3 ** sum(map(cell.count, ",.")) for number, cell in zip(thousands, known, strict=True)]
     steps = np.abs(np.diff([thousands, decimals]))[:, np.diff(grouped)]
     return bool(steps[0].sum() < steps[1].sum())
 
@@ -493,7 +491,7 @@ def _column_of_heading(
     if not channels:
         return None
     unit = stated or _unit_of(name, unit_below) or (name if channels[0].unit.factor(name) else None)
-    if channels[0].name in _DIRECTIONS and _MAGNETIC.search(f"{name} {spelling(unit or '')}"):
+    if channels[0].name in _DIRECTIONS and _MAGNETIC.search(f"{name} {unit}".lower()):
         raise TrialError(
             f"{where}, column {heading!r}: a direction is counted from true north, found a magnetic one; state the "
             f'declination, [columns] {channels[0].name} = {{ column = "{heading}", unit = "deg", offset = 2.5 }}.'
