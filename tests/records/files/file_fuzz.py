@@ -29,7 +29,7 @@ from tests.records.files.mutated import flipped_bytes, mutated
 from tests.records.files.test_nmea import log
 from tests.records.files.test_tables import WRITERS
 
-LONGEST = 60.0  # s of one file, after which its reading counts as endless; a busy machine takes ten for the slowest
+LONGEST = 150.0  # s of one file, after which its reading counts as endless; more than the wait for a process of its own
 MOST_SECONDS = 5.0  # of the processor, for one file
 MOST_MEMORY = 3e8  # bytes that the reader may add to the peak of its process
 

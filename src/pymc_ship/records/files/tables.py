@@ -25,7 +25,8 @@ from pymc_ship.records.files.columns import channels_of, plain_text
 from pymc_ship.trial.channels import TIME
 
 _CHILD = "import sys; from pymc_ship.records.files.tables import send_columns; send_columns(*sys.argv[1:])"
-_LONGEST = 30.0  # s
+_LONGEST = 30.0  # s of the processor, for a file that a process of its own reads
+_LONGEST_WAIT = 120.0  # s for that process on a busy machine
 _MOST_UNPACKED = 4 * MOST_BYTES
 _LONGEST_CELL = 60  # letters
 _SAME_CLOCK = 1_000_000_000  # ns between the stamp of a message and its recording, at most
@@ -313,13 +314,13 @@ def _columns_by_process(kind: str, path: Path) -> Table:
             [sys.executable, "-c", _CHILD, kind, path],
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
             capture_output=True,
-            timeout=_LONGEST,
+            timeout=_LONGEST_WAIT,
             check=True,
         )
     except subprocess.SubprocessError:
         raise TrialError(
-            f"{path} cannot be read as {kind}: its structure is damaged, or takes more than 1 GB; write it anew, or "
-            "as CSV."
+            f"{path} cannot be read as {kind}: its structure is damaged, or takes more than 1 GB or {_LONGEST:g} s; "
+            "write it anew, or as CSV."
         ) from None
     columns = pickle.loads(child.stdout)
     if isinstance(columns, Exception):
