@@ -275,8 +275,8 @@ def quantities() -> dict[str, Channel]:
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit, in brackets or not, of any quantity."""
-    known = any(one.unit.factor(text) for one in quantities().values())
-    return known or spelling(text) in _OTHER_UNITS
+    spelled = spelling(text)
+    return spelled in _OTHER_UNITS or any(spelled in one.unit.spellings for one in quantities().values())
 
 
 def _channels_named(heading: str) -> list[Channel]:

@@ -286,12 +286,12 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
         raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(content)} lines; check it.")
     delimiter = layout.delimiter or _delimiter(content[0][1])
     first = _cells_of_line(content[1][1], delimiter)
+    check_size(path, [len(content)] * len(first))
     heads = [line.strip() for _, line in content[: 2 if _is_unit_row(first) else 1]]
     body = [(number, line) for number, line in content[len(heads) :] if line.strip() not in heads]
     again = len(content) - len(heads) - len(body)
     rows = [(number, _cells_of_line(line, delimiter)) for number, line in body]
     headings = _headings(content[0][1], delimiter, max([len(first), *(len(cells) for _, cells in rows)]))
-    check_size(path, [len(rows)] * len(headings))
     units = [cell.strip(_AROUND_UNITS) for cell in first] if len(heads) > 1 else []
     units += [""] * (len(headings) - len(units))
     whole, notes = _whole_rows(rows, len(headings), path)
@@ -410,7 +410,7 @@ def _cells_of_line(line: str, delimiter: str) -> list[str]:
 
 
 def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
-    """Names in the header, but for the last without cells, such as remarks, in rows of ``n_cells`` at most.
+    """Names in the header, but for a last one without cells, such as remarks, in rows of ``n_cells`` at most.
 
     In a table with white space a bracketed unit belongs to the name before it.
     """
@@ -421,10 +421,10 @@ def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
         headings = joined.split()
         if len(headings) != n_cells:
             headings = re.split(r"\s{2,}|\t", joined)
-    spare = len(headings) - n_cells if any(map(channels_of, headings)) else 0
-    while headings and (not headings[-1] or (spare > 0 and not channels_of(headings[-1]))):
+    while headings and not headings[-1]:
         headings.pop()
-        spare -= 1
+    if len(headings) == n_cells + 1 and any(map(channels_of, headings)) and not channels_of(headings[-1]):
+        headings.pop()
     return [*map(_heading, headings)]
 
 
@@ -435,8 +435,9 @@ def _heading(text: str) -> str:
 
 
 def _is_unit_row(cells: list[str]) -> bool:
-    words = any(channels_of(cell) and not is_unit(cell) for cell in cells)
-    return any(map(is_unit, cells)) and not (words or any(map(_is_number, cells)))
+    if not any(map(is_unit, cells)) or any(map(_is_number, cells)):
+        return False
+    return not any(channels_of(cell) and not is_unit(cell) for cell in cells)
 
 
 def _is_number(cell: str) -> bool:
