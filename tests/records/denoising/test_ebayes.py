@@ -27,7 +27,7 @@ from pymc_ship.records.denoising.ebayes import (
     threshold_from_weight,
     weight_from_threshold,
 )
-from pymc_ship.records.denoising.spike_and_slab import SCALE_BOX
+from pymc_ship.records.denoising.spike_and_slab import SCALE_BOX, condensed, fit_cauchy, fit_laplace
 
 DATA = Path(__file__).parents[2] / "data" / "ebayes"
 TRUTH_TOLERANCE = 1e-10  # relative above 1, absolute below
@@ -224,6 +224,22 @@ def test_joint_fit_is_the_global_maximum(x, peaks):
     bound = weight_from_threshold(np.sqrt(2 * np.log(x.size)), "laplace", scale)
     for other in np.clip(weight * np.array([0.9, 0.999, 1.001, 1.1]), bound, 1.0):
         assert log_likelihood(x, other, scale) <= top + 1e-9
+
+
+@pytest.mark.parametrize("fit", [fit_laplace, fit_cauchy])
+@pytest.mark.parametrize(("n_far", "far"), [(0, 0.0), (2000, 5.0), (20, 40.0), (15000, 1e4)])
+def test_condensed_sizes_give_the_fit_of_all(fit, n_far, far):
+    x = np.abs(mixture(8, 20000, 0, 0.0, 1.0))
+    x[:n_far] += far * np.random.default_rng(9).random(n_far)
+    points = condensed(x)
+    assert points.shape[1] < x.size / 15
+    bound = np.sqrt(2 * np.log(x.size))
+    assert fit(points, bound) == pytest.approx(fit(np.array([x, np.ones(x.size)]), bound), rel=1e-9, nan_ok=True)
+
+
+def test_few_sizes_are_not_condensed():
+    x = np.linspace(0.0, 30.0, 500)
+    assert condensed(x).tolist() == [x.tolist(), [1.0] * x.size]
 
 
 @pytest.mark.parametrize("universal_bound", [True, False])

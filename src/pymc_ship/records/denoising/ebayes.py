@@ -19,6 +19,7 @@ from pymc_ship.machine.arguments import check_choice, finite_number, real_array
 from pymc_ship.machine.errors import ShipError
 from pymc_ship.records.denoising.spike_and_slab import (
     beta_value,
+    condensed,
     draw_value,
     fit_cauchy,
     fit_laplace,
@@ -101,13 +102,15 @@ def fit_prior(
     check_choice("The prior", prior, PRIORS)
     size = np.abs(_observations(x)).ravel()
     bound = math.sqrt(2.0 * math.log(size.size)) if universal_bound else math.inf
+    # without the bound the weight may be so small that the densities have poles near the axis
+    points = condensed(size) if universal_bound else np.array([size, np.ones(size.size)])
     if prior == "cauchy":
-        return fit_cauchy(size, bound)
+        return fit_cauchy(points, bound)
     if scale is not None:
         scale = _positive_number("scale", scale)
-        weight, log_likelihood, _ = profile(size, scale, bound, 0.5, np.empty((3, size.size)))
+        weight, log_likelihood, _ = profile(points, scale, bound, 0.5, np.empty((3, points.shape[1])))
         return weight, scale, log_likelihood
-    return fit_laplace(size, bound)
+    return fit_laplace(points, bound)
 
 
 def shrink(
@@ -121,11 +124,11 @@ def shrink(
 ) -> np.ndarray:
     """Estimate of each mean under a known prior, by one of :data:`RULES`, in units of the noise."""
     check_choice("The rule", rule, RULES)
-    if rule == "median":
-        return posterior_median(x, weight, prior, scale)
     if rule == "mean":
         return posterior_mean(x, weight, prior, scale)
-    limit = threshold_from_weight(weight, prior, scale, threshold)
+    limit = threshold_from_weight(weight, prior, scale, "posterior_median" if rule == "median" else threshold)
+    if rule == "median":
+        return _evaluate(median_value, x, weight, _code(prior, scale), limit)
     values = real_array("The observations", x)
     size = np.abs(values)
     return np.where(size > limit, values, 0.0) if rule == "hard" else np.sign(values) * np.maximum(size - limit, 0.0)
@@ -153,7 +156,7 @@ def posterior_mean(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scal
 
 def posterior_median(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
     """Posterior median of the mean behind x, zero within the threshold; x, weight and scale are broadcast."""
-    return _evaluate(median_value, x, _probability(weight), _code(prior, scale))
+    return _evaluate(median_value, x, _probability(weight), _code(prior, scale), 0.0)
 
 
 def posterior_draw(

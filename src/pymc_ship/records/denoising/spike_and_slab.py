@@ -15,6 +15,12 @@ _GRID = np.linspace(math.log(SCALE_BOX[0]), math.log(SCALE_BOX[1]), 10)
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 _SMALLEST = 1e-300
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+# cells of sizes: of one width up to _FAR, from there of one ratio; the poles of the densities are about 0.6 away
+_WIDTH, _FAR, _RATIO = 0.25, 8.0, 1.15
+_NEAR = round(_FAR / _WIDTH)
+_POINTS = 14  # Chebyshev points of a cell
+_ANGLES = (np.arange(_POINTS) + 0.5) * math.pi / _POINTS
+_TO_COUNTS = np.cos(np.outer(np.arange(_POINTS), _ANGLES)) * (2.0 - (np.arange(_POINTS) == 0))[:, None] / _POINTS
 # (1 + t) M(t) in powers of (t - 5)/(t + 5), highest first: the form of Shepherd & Laframboise, Math. Comp. 36:249, 1981
 _MILLS = np.array(
     [
@@ -33,10 +39,12 @@ _jit = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _mills(t: float) -> float:
     """Mills ratio M(t) = (1 - Phi(t)) / phi(t) for t >= 0, to 3e-16."""
     s = (t - 5.0) / (t + 5.0)
-    total = _MILLS[0]
-    for k in range(1, 24):
-        total = total * s + _MILLS[k]
-    return total / (t + 1.0)
+    fourth = (s * s) * (s * s)
+    a, b, c, d = _MILLS[0], _MILLS[1], _MILLS[2], _MILLS[3]
+    for k in range(4, 24, 4):  # four sums that a processor takes at the same time
+        a, b = a * fourth + _MILLS[k], b * fourth + _MILLS[k + 1]
+        c, d = c * fourth + _MILLS[k + 2], d * fourth + _MILLS[k + 3]
+    return (((a * s + b) * s + c) * s + d) / (t + 1.0)
 
 
 @_jit
@@ -69,13 +77,15 @@ def _densities(x: float, a: float) -> tuple[float, float, float, float]:
 
 @_jit
 def _tail_quantile(log_tail: float) -> float:
-    """Find t >= 0 with log(sqrt(2 pi) (1 - Phi(t))) = log_tail, by Newton's method."""
-    t = math.sqrt(max(-2.0 * log_tail, 0.0))
+    """Find t >= 0 with log(sqrt(2 pi) (1 - Phi(t))) = log_tail, by Halley's method, whose error is cubed."""
+    # the root of the first two powers of t at 0
+    t = math.sqrt(2.0 / math.pi + 2.0 * max(math.log(0.5 * _ROOT_TWO_PI) - log_tail, 0.0)) - math.sqrt(2.0 / math.pi)
     for _ in range(50):
         mills = _mills(t)
-        step = mills * (math.log(mills) - 0.5 * t * t - log_tail)
+        excess = math.log(mills) - 0.5 * t * t - log_tail
+        step = mills * excess / (1.0 + 0.5 * excess * (1.0 - t * mills))
         t = max(t + step, 0.0)
-        if abs(step) <= 1e-15 * (1.0 + t):
+        if abs(step) <= 1e-5 * (1.0 + t):
             break
     return t
 
@@ -171,9 +181,13 @@ def mean_value(x: float, w: float, a: float) -> float:
 
 
 @vectorize(cache=True)
-def median_value(x: float, w: float, a: float) -> float:
-    """Posterior median."""
+def median_value(x: float, w: float, a: float, limit: float) -> float:
+    """Posterior median, known to be zero up to the limit."""
     size = abs(x)
+    if size <= limit:
+        return 0.0
+    if size - a > 6.0 and math.exp(-0.5 * (size - a) ** 2) * (1.0 - w + w * a) < 1e-17 * w * a:
+        return math.copysign(size - a, x)
     _, odds, null, _ = _densities(size, a)
     if w * odds <= (1.0 - w) * null:
         return 0.0
@@ -242,28 +256,63 @@ def threshold_value(w: float, a: float, bayes_factor: bool) -> float:
     return low
 
 
+@_jit
+def _moments(x: np.ndarray, n_cells: int) -> np.ndarray:
+    """Sums of the Chebyshev polynomials over the sizes in each cell, shape (n_cells, _POINTS)."""
+    sums = np.zeros((n_cells, _POINTS))
+    for size in x:
+        if size < _FAR:
+            cell = int(size / _WIDTH)
+            t = 2.0 * (size / _WIDTH - cell) - 1.0
+        else:
+            cell = int(math.log(size / _FAR) / math.log(_RATIO))
+            t = 2.0 * (size / (_FAR * _RATIO**cell) - 1.0) / (_RATIO - 1.0) - 1.0
+            cell += _NEAR
+        value, following = 1.0, t
+        for k in range(_POINTS):
+            sums[cell, k] += value
+            value, following = following, 2.0 * t * following - value
+    return sums
+
+
+def condensed(x: np.ndarray) -> np.ndarray:
+    """Sizes and their counts, shape (2, n), with the sums over ``x`` of the densities' logarithms, to 1e-12.
+
+    Interpolation in each cell makes :data:`_POINTS` sizes of all in it; where these are not fewer, ``x`` and ones.
+    """
+    n_cells = _NEAR + 2 + int(math.log(max(float(x.max()), _FAR) / _FAR) / math.log(_RATIO))
+    sums = _moments(x, n_cells)
+    (cells,) = np.nonzero(sums[:, 0])
+    if _POINTS * cells.size >= x.size:
+        return np.array([x, np.ones(x.size)])
+    low = np.where(cells < _NEAR, _WIDTH * cells, _FAR * _RATIO ** (cells - _NEAR))
+    width = np.where(cells < _NEAR, _WIDTH, (_RATIO - 1.0) * low)
+    sizes = low[:, None] + 0.5 * width[:, None] * (1.0 + np.cos(_ANGLES))
+    return np.array([sizes.ravel(), (sums[cells] @ _TO_COUNTS).ravel()])
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _score(ratio: np.ndarray, w: float) -> tuple[float, float]:
+def _score(ratio: np.ndarray, counts: np.ndarray, w: float) -> tuple[float, float]:
     """Derivative of the log likelihood by w, and its own derivative."""
     first = second = 0.0
     for i in range(ratio.size):
         value = (1.0 - ratio[i]) / (w + (1.0 - w) * ratio[i])
-        first += value
-        second -= value * value
+        first += counts[i] * value
+        second -= counts[i] * value * value
     return first, second
 
 
 @_jit
-def _best_weight(ratio: np.ndarray, low: float, w: float) -> float:
+def _best_weight(ratio: np.ndarray, counts: np.ndarray, low: float, w: float) -> float:
     """Weight in [low, 1] of maximum likelihood by Newton steps in 1/w; ``ratio`` is null over slab density."""
-    if _score(ratio, 1.0)[0] >= 0.0:
+    if _score(ratio, counts, 1.0)[0] >= 0.0:
         return 1.0
-    if _score(ratio, low)[0] <= 0.0:
+    if _score(ratio, counts, low)[0] <= 0.0:
         return low
     high = 1.0
     w = min(max(w, low), high)
     for _ in range(200):
-        first, second = _score(ratio, w)
+        first, second = _score(ratio, counts, w)
         if first > 0.0:
             low = w
         else:
@@ -278,9 +327,10 @@ def _best_weight(ratio: np.ndarray, low: float, w: float) -> float:
 
 
 @_jit
-def _laplace_ratios(x: np.ndarray, a: float, work: np.ndarray) -> float:
+def _laplace_ratios(points: np.ndarray, a: float, work: np.ndarray) -> float:
     """Fill work with null over slab density, d log(slab)/da and exp(-s) slab; return the sum of s."""
-    ratio, slope, slab = work[0], work[1], work[2]
+    x, counts = points
+    ratio, slope, slab = work
     for i in range(x.size):
         ratio[i] = _mills(abs(x[i] - a))
         slope[i] = _mills(x[i] + a)
@@ -291,13 +341,16 @@ def _laplace_ratios(x: np.ndarray, a: float, work: np.ndarray) -> float:
         slab[i] = 0.5 * a * (plus + minus)
         ratio[i] = null / slab[i]
         slope[i] = 1.0 / a - (2.0 * null + z * plus - (x[i] + a) * minus) / (plus + minus)
-        total += s
+        total += counts[i] * s
     return total
 
 
 @_jit
-def profile(x: np.ndarray, a: float, bound: float, start: float, work: np.ndarray) -> tuple[float, float, float]:
-    """Best weight under Laplace scale a, its log likelihood, and the derivative of that by log a (envelope theorem)."""
+def profile(points: np.ndarray, a: float, bound: float, start: float, work: np.ndarray) -> tuple[float, float, float]:
+    """Best weight under Laplace scale a, its log likelihood, and the derivative of that by log a (envelope theorem).
+
+    ``points``: sizes and counts of :func:`condensed`; ``work``: room for three numbers of each.
+    """
     low, low_slope = 0.0, 0.0
     if bound < math.inf:
         z, far = bound - a, _mills(bound + a)
@@ -305,20 +358,20 @@ def profile(x: np.ndarray, a: float, bound: float, start: float, work: np.ndarra
         odds = 0.5 * a * (plus - minus)
         low = null / (null + odds)
         low_slope = -low * low * (odds / a - 0.5 * a * (z * plus + (bound + a) * minus)) / null
-    log_likelihood = _laplace_ratios(x, a, work)
-    ratio, slope, slab = work[0], work[1], work[2]
-    w = _best_weight(ratio, low, start)
-    derivative = _score(ratio, w)[0] * low_slope if w == low else 0.0
-    for i in range(x.size):
+    log_likelihood, counts = _laplace_ratios(points, a, work), points[1]
+    ratio, slope, slab = work
+    w = _best_weight(ratio, counts, low, start)
+    derivative = _score(ratio, counts, w)[0] * low_slope if w == low else 0.0
+    for i in range(counts.size):
         mixture = w + (1.0 - w) * ratio[i]
-        log_likelihood += math.log(slab[i] * mixture)
-        derivative += w * slope[i] / mixture
+        log_likelihood += counts[i] * math.log(slab[i] * mixture)
+        derivative += counts[i] * w * slope[i] / mixture
     return (w, log_likelihood, a * derivative) if w > 0.0 else (w, 0.0, 0.0)
 
 
 @_jit
 def _peak(
-    x: np.ndarray,
+    points: np.ndarray,
     low: tuple[float, float, float, float],
     high: tuple[float, float, float, float],
     bound: float,
@@ -330,7 +383,7 @@ def _peak(
     before = 0.0
     for _ in range(60):
         middle = (left * right_slope - right * left_slope) / (right_slope - left_slope)
-        w, top, slope = profile(x, math.exp(middle), bound, w, work)
+        w, top, slope = profile(points, math.exp(middle), bound, w, work)
         moved = abs(middle - best[0])
         best = (middle, w, top, slope)
         if slope == 0.0 or moved < 1e-5:
@@ -346,17 +399,17 @@ def _peak(
 
 
 @_jit
-def fit_laplace(x: np.ndarray, bound: float) -> tuple[float, float, float]:
+def fit_laplace(points: np.ndarray, bound: float) -> tuple[float, float, float]:
     """Weight, scale and log likelihood at the best local maximum of the profile over log a."""
-    work = np.empty((3, x.size))
+    work = np.empty((3, points.shape[1]))
     best = last = (0.0, 0.0, -math.inf, 0.0)
     for k in range(_GRID.size):
-        w, top, slope = profile(x, math.exp(_GRID[k]), bound, 0.5 if k == 0 else last[1], work)
+        w, top, slope = profile(points, math.exp(_GRID[k]), bound, 0.5 if k == 0 else last[1], work)
         point = (_GRID[k], w, top, slope)
         if top >= best[2]:
             best = point
         if k > 0 and last[3] > 0.0 > slope:
-            peak = _peak(x, last, point, bound, work)
+            peak = _peak(points, last, point, bound, work)
             if peak[2] >= best[2]:
                 best = peak
         last = point
@@ -364,18 +417,19 @@ def fit_laplace(x: np.ndarray, bound: float) -> tuple[float, float, float]:
 
 
 @_jit
-def fit_cauchy(x: np.ndarray, bound: float) -> tuple[float, float, float]:
+def fit_cauchy(points: np.ndarray, bound: float) -> tuple[float, float, float]:
     """Weight, nan and log likelihood."""
+    x, counts = points
     ratio, slab, log_likelihood = np.empty(x.size), np.empty(x.size), 0.0
     for i in range(x.size):
         slab[i], _, null, s = _densities(x[i], math.nan)
         ratio[i] = null / slab[i]
-        log_likelihood += s
+        log_likelihood += counts[i] * s
     low = 0.0
     if bound < math.inf:
         _, odds, null, _ = _densities(bound, math.nan)
         low = null / (null + odds)
-    w = _best_weight(ratio, low, 0.5)
+    w = _best_weight(ratio, counts, low, 0.5)
     for i in range(x.size):
-        log_likelihood += math.log(slab[i] * (w + (1.0 - w) * ratio[i]))
+        log_likelihood += counts[i] * math.log(slab[i] * (w + (1.0 - w) * ratio[i]))
     return w, math.nan, log_likelihood if w > 0.0 else 0.0

@@ -19,7 +19,8 @@ REPEATS = 0.25  # fraction of samples equal to the one before, from which repeat
 class WaveletPosterior:
     """A signal with its extension past the ends, and the prior of its wavelet coefficients at every level.
 
-    ``padded`` is ``signal`` minus ``trend``, with ``before`` samples in front, a multiple of 2**levels.
+    ``padded`` is ``signal`` minus ``trend``, with ``before`` samples in front, a multiple of 2**levels; its transform
+    are ``approximation`` and ``details``.
     ``level_priors``: weight and scale of each level of detail, coarsest first, in units of the noise ``sdev``; empty if
     that is 0, within the accuracy of the filters. Translation invariant, the posterior is a mixture over all shifts.
     """
@@ -28,7 +29,8 @@ class WaveletPosterior:
     trend: np.ndarray
     padded: np.ndarray
     before: int
-    levels: int
+    approximation: np.ndarray
+    details: list[np.ndarray]
     filters: pywt.Wavelet
     translation_invariant: bool
     prior: str
@@ -39,19 +41,20 @@ class WaveletPosterior:
         """Point estimate by one of :data:`pymc_ship.records.denoising.ebayes.RULES`, shape (n_time,)."""
         if not self.sdev:
             return self.signal.copy()
-        approximation, details = self._transform(self.padded, self.translation_invariant)
         smooth = [
             self.sdev * shrink(detail / self.sdev, weight, self.prior, scale, rule)
-            for detail, (weight, scale) in zip(details, self.level_priors, strict=True)
+            for detail, (weight, scale) in zip(self.details, self.level_priors, strict=True)
         ]
-        return self._without_margins(wavelets.inverse(approximation, smooth, self.filters, self.translation_invariant))
+        padded = wavelets.inverse(self.approximation, smooth, self.filters, self.translation_invariant)
+        return self._without_margins(padded)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """One posterior draw, shape (n_time,), at a random shift if translation invariant."""
         if not self.sdev:
             return self.signal.copy()
-        shift = int(rng.integers(2**self.levels)) if self.translation_invariant else 0
-        approximation, details = self._transform(np.roll(self.padded, -shift), False)
+        levels = len(self.details)
+        shift = int(rng.integers(2**levels)) if self.translation_invariant else 0
+        approximation, details = wavelets.transform(np.roll(self.padded, -shift), self.filters, levels, False)
         # the coarsest approximation has a flat prior
         approximation = approximation + self.sdev * rng.standard_normal(approximation.size)
         detail_draws = [
@@ -60,9 +63,6 @@ class WaveletPosterior:
         ]
         padded = np.roll(wavelets.inverse(approximation, detail_draws, self.filters, False), shift)
         return self._without_margins(padded)
-
-    def _transform(self, padded: np.ndarray, translation_invariant: bool) -> tuple[np.ndarray, list[np.ndarray]]:
-        return wavelets.transform(padded, self.filters, self.levels, translation_invariant)
 
     def _without_margins(self, padded: np.ndarray) -> np.ndarray:
         return padded[self.before : self.before + self.signal.size] + self.trend
@@ -88,7 +88,7 @@ def wavelet_posterior(
     before, after = wavelets.margins(signal.size, filters.dec_len, levels, boundary, name)
     trend = wavelets.end_trend(signal) if boundary == "reflect" else np.zeros(signal.size)
     padded = np.pad(signal - trend, (before, after), "symmetric")
-    _, details = wavelets.transform(padded, filters, levels, translation_invariant)
+    approximation, details = wavelets.transform(padded, filters, levels, translation_invariant)
     inside = [detail[wavelets.inside(detail.size, padded.size, before, after)] for detail in details]
     sdev = _noise_sdev(signal, inside[-1], name)
     level_priors = tuple(fit_prior(detail / sdev, prior, scale)[:2] for detail in inside) if sdev else ()
@@ -97,7 +97,8 @@ def wavelet_posterior(
         trend=trend,
         padded=padded,
         before=before,
-        levels=levels,
+        approximation=approximation,
+        details=details,
         filters=filters,
         translation_invariant=translation_invariant,
         prior=prior,

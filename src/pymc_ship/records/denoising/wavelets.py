@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pywt
+from numba import njit
 
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import ShipError
@@ -25,13 +26,13 @@ def transform(
     padded: np.ndarray, filters: pywt.Wavelet, levels: int, translation_invariant: bool
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Approximation and details, coarsest first, of the periodic transform; white noise keeps its variance in all."""
-    approximation = padded
-    details: list[np.ndarray] = []
+    approximation, details = padded, []
     for level in range(levels):
         if translation_invariant:
-            # by level over the 2**level interleaved parts: the numbers of pywt.swt at 2**-level of its time
-            parts = approximation.reshape(-1, 2**level)
-            approximation, detail = (part.ravel() for part in pywt.swt(parts, filters, level=1, axis=0)[0])
+            extended = _extended(approximation, filters.dec_len // 2 - 1, filters.dec_len // 2, 2**level)
+            approximation, detail = np.zeros(padded.size), np.zeros(padded.size)
+            _add_filtered(extended, np.array(filters.rec_lo), 2**level, approximation)
+            _add_filtered(extended, np.array(filters.rec_hi), 2**level, detail)
         else:
             approximation, detail = pywt.dwt(approximation, filters, "periodization")
         details.insert(0, detail)
@@ -42,13 +43,29 @@ def inverse(
     approximation: np.ndarray, details: list[np.ndarray], filters: pywt.Wavelet, translation_invariant: bool
 ) -> np.ndarray:
     """Signal from its :func:`transform`; the stationary one is averaged over all shifts."""
+    if not translation_invariant:
+        return pywt.waverec([approximation, *details], filters, "periodization")
     for level, detail in zip(range(len(details) - 1, -1, -1), details, strict=True):
-        if translation_invariant:
-            parts = approximation.reshape(-1, 2**level), detail.reshape(-1, 2**level)
-            approximation = pywt.iswt([parts], filters, axis=0).ravel()
-        else:
-            approximation = pywt.idwt(approximation, detail, filters, "periodization")
+        total = np.zeros(detail.size)
+        for part, taps in ((approximation, filters.dec_lo), (detail, filters.dec_hi)):
+            extended = _extended(part, filters.dec_len // 2, filters.dec_len // 2 - 1, 2**level)
+            _add_filtered(extended, 0.5 * np.array(taps), 2**level, total)
+        approximation = total
     return approximation
+
+
+def _extended(signal: np.ndarray, before: int, after: int, step: int) -> np.ndarray:
+    """Periodic signal with the samples of so many steps before and after."""
+    return np.pad(signal, (before * step, after * step), "wrap")
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _add_filtered(extended: np.ndarray, taps: np.ndarray, step: int, total: np.ndarray) -> None:
+    """Add to the total the sum of taps[k] extended[i + k step], two taps at a time."""
+    for k in range(0, taps.size, 2):
+        first, second = extended[k * step :], extended[(k + 1) * step :]
+        for i in range(total.size):
+            total[i] += taps[k] * first[i] + taps[k + 1] * second[i]
 
 
 def end_trend(signal: np.ndarray) -> np.ndarray:
@@ -94,14 +111,14 @@ def _end_slope(signal: np.ndarray, sdev: float) -> float:
     """Slope per sample at the start, by a parabola over the longest run whose cubic is below 2.5 standard errors."""
     slope, n_run = 0.0, 16
     while 2 * n_run <= signal.size:
-        time = (np.arange(n_run) + 0.5) / n_run
-        basis, triangle = np.linalg.qr(np.vander(time, 4, increasing=True))
-        scores = basis.T @ signal[:n_run]
-        if abs(scores[3]) > 2.5 * sdev:
+        time = (np.arange(n_run) + 0.5) / n_run - 0.5
+        line, parabola = time, time**2 - (1.0 - n_run**-2) / 12.0  # orthogonal to each other, to 1 and to the cubic
+        cubic = time * (time**2 - (3.0 - 7.0 * n_run**-2) / 20.0)
+        if abs(cubic @ signal[:n_run]) > 2.5 * sdev * np.linalg.norm(cubic):
             break
-        to_slope = np.linalg.inv(triangle[:3, :3])[1]
-        steep = abs(to_slope @ scores[:3]) > 5.0 * sdev * np.linalg.norm(to_slope)
-        slope = to_slope @ scores[:3] / n_run if steep else 0.0
+        to_slope = line / (line @ line) - parabola / (parabola @ parabola)
+        start = to_slope @ signal[:n_run]
+        slope = start / n_run if abs(start) > 5.0 * sdev * np.linalg.norm(to_slope) else 0.0
         n_run *= 2
     return slope
 
