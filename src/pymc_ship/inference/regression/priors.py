@@ -79,16 +79,21 @@ class Prior(ABC):
     def __post_init__(self) -> None:
         for name in ("mean", "kappa", "shape", "scale"):
             value = _numbers(name, getattr(self, name))
-            if value.ndim > (1 if name in ("mean", "kappa") else 0) or not np.isfinite(value).all():
-                raise InferenceError(f"The prior's {name} must be finite, found {value.tolist()}; give a plain number.")
-            if name != "mean" and (value <= 0.0).any():
-                raise InferenceError(f"The prior's {name} must be positive, found {value.tolist()}; raise it above 0.")
-            if np.abs(value).max(initial=0.0) > _LARGEST.get(name, np.inf):
-                raise InferenceError(
-                    f"The prior's {name} must be at most {_LARGEST[name]:g} in size, found {value.tolist()}; reduce it."
-                )
-            value.setflags(write=False)
-            object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
+            least, most = (
+                (value, value) if isinstance(value, float) else (value.min(initial=1.0), value.max(initial=1.0))
+            )
+            fault = ""
+            if np.ndim(value) > (1 if name in ("mean", "kappa") else 0) or not (
+                math.isfinite(least) and math.isfinite(most)
+            ):
+                fault = "must be finite, found {}; give a plain number"
+            elif name != "mean" and least <= 0.0:
+                fault = "must be positive, found {}; raise it above 0"
+            elif max(-least, most) > _LARGEST.get(name, np.inf):
+                fault = f"must be at most {_LARGEST[name]:g} in size, found {{}}; reduce it"
+            if fault:
+                raise InferenceError(f"The prior's {name} {fault.format(np.asarray(value).tolist())}.")
+            object.__setattr__(self, name, value)
 
     def __eq__(self, other: object) -> bool:
         return self._key() == other._key() if isinstance(other, Prior) else NotImplemented
@@ -349,14 +354,15 @@ def warn_of_units(data: RegressionData, prior: Prior) -> None:
     """Warn if a default prior does not suit the units of columns or response that are not scaled."""
     own_kappa = np.ndim(prior.kappa) > 0 or prior.kappa != type(prior).kappa
     text = "" if own_kappa else data.uneven
-    if not (text or data.is_scaled) and data.n_rows >= FEWEST_ROWS:
+    own_scale = prior.scale != type(prior).scale
+    if not (text or data.is_scaled or (own_kappa and own_scale)) and data.n_rows >= FEWEST_ROWS:
         columns = float(np.sum(data.design_matrix**2)) / data.n_rows
         response = float(np.sqrt(np.mean(data.response**2)))
         faults = {
             "a response too large for it": not own_kappa
             and prior.noise_power == 0
             and response > _FAR * math.sqrt(prior.kappa * columns),
-            "a response too small for it": prior.scale == type(prior).scale and 0.0 < response < 1.0 / UNEVEN,
+            "a response too small for it": not own_scale and 0.0 < response < 1.0 / UNEVEN,
             "columns too small for it": not own_kappa and prior.noise_power > 0 and prior.kappa * columns < 1.0,
         }
         wrong = " and ".join(fault for fault, present in faults.items() if present)
@@ -370,8 +376,10 @@ def warn_of_units(data: RegressionData, prior: Prior) -> None:
         warnings.warn(text, UserWarning, stacklevel=3)
 
 
-def _numbers(name: str, value: object) -> np.ndarray:
-    """Copy of a hyperparameter as floats."""
+def _numbers(name: str, value: object) -> float | np.ndarray:
+    """Hyperparameter as a number, or as a copy that stays as it is."""
+    if type(value) is float:
+        return value
     try:
         if np.asarray(value).dtype.kind not in "iufO":
             raise TypeError
@@ -386,7 +394,8 @@ def _numbers(name: str, value: object) -> np.ndarray:
             f"The prior's {name} has no labels, found {short_repr(list(map(str, labels)))}; put it into the order of "
             "the terms and give it without them, by to_numpy."
         )
-    return numbers
+    numbers.setflags(write=False)
+    return numbers if numbers.ndim else float(numbers)
 
 
 @dataclass(frozen=True)
@@ -405,14 +414,16 @@ class Rotation:
 
 def rotate(data: RegressionData, prior: Prior) -> Rotation:
     """Rotate regression data; for scalar kappa and zero mean from the decomposition that the data keep."""
-    root, wide = np.sqrt(prior.kappas(data.n_terms)), data.n_terms > data.n_rows
+    wide = data.n_terms > data.n_rows
     mean = prior.means(data.n_terms)
     decompose = np.ndim(prior.kappa) or wide
     if decompose:
+        root = np.sqrt(prior.kappas(data.n_terms))
         left, s, right = np.linalg.svd(data.scaled_design_matrix * root, full_matrices=wide)
+        basis = (right * root) @ data.transformation[1].T
     else:
-        left, s, right = data.svd
-        s = s * root
+        left, s, _ = data.svd
+        s, basis = math.sqrt(prior.kappa) * s, math.sqrt(prior.kappa) * data.basis
     if decompose or mean.any():
         # the residual is formed explicitly: y'y - z'z would cancel for a response with a large offset
         error = data.scaled_response - data.scaled_design_matrix @ mean
@@ -422,5 +433,4 @@ def rotate(data: RegressionData, prior: Prior) -> Rotation:
         z, residual_square = data.projection
     if missing := data.n_terms - len(s):
         s, z = (np.pad(values, (0, missing)) for values in (s, z))
-    basis = (right * root) @ data.transformation[1].T
     return Rotation(s, z, residual_square, data.to_original(mean), basis)

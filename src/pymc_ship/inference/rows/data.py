@@ -355,6 +355,11 @@ class RegressionData:
             offset[self.constant] = self.response_center / self.constant_level
         return offset, T
 
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """Original coefficients of a unit along each right singular vector, shape (n_singular_values, n_terms)."""
+        return self.svd[2] @ self.transformation[1].T
+
     def to_original(self, scaled: np.ndarray) -> np.ndarray:
         """Map scaled coefficients, shape (..., n_terms), to those of the original columns."""
         offset, T = self.transformation
