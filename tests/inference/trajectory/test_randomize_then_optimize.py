@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.inference.trajectory import fit as trajectory_fit
 from pymc_ship.inference.trajectory import randomize_then_optimize as room
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, normal_draws, prepared_windows, window_misfit
+from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from tests.ships.identification.cases import RUNS, tanker, trial
@@ -48,6 +50,20 @@ def fit(vessel, windows):
 @pytest.fixture(scope="module")
 def drawn(fit):
     return randomize_then_optimize(fit, N, np.random.default_rng(1))
+
+
+def test_no_run_is_simulated_twice_at_one_point(monkeypatch, vessel, windows):
+    points = []
+
+    def counted(vessel, inputs, start, coefficients, **settings):
+        points.append((inputs.tobytes(), start.tobytes(), coefficients.tobytes()))
+        return sensitivities(vessel, inputs, start, coefficients, **settings)
+
+    monkeypatch.setattr(trajectory_fit, "sensitivities", counted)
+    law = coefficient_prior([trial(RUNS[0])], vessel)
+    fit = fit_windows(windows, vessel, law, reference_coefficients(vessel))
+    randomize_then_optimize(fit, 2, np.random.default_rng(1))
+    assert len(points) == len(set(points)) > len(windows)
 
 
 def of(vessel, values):

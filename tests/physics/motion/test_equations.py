@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
+import pymc_ship as ps
 from pymc_ship.physics.forces.programs import sin_cos
 from pymc_ship.physics.motion.equations import STATE, scheme, state_derivative, workspace
 from pymc_ship.physics.motion.inputs import completed_inputs
@@ -113,3 +114,10 @@ def test_a_ship_at_rest_in_roll_rights_herself(container):
 
 def test_states_are_named_in_order():
     assert STATE == ("u", "v", "r", "p", "phi", "psi", "x", "y")
+
+
+def test_the_scheme_of_a_vessel_is_made_once():
+    vessel = ps.load_vessel("container")
+    assert scheme(vessel) is scheme(vessel)
+    double = vessel.with_coefficients({"sway": 2.0 * vessel.coefficients("sway").values})
+    assert scheme(double) is not scheme(vessel)

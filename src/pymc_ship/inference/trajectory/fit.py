@@ -41,6 +41,10 @@ class RunRows(NamedTuple):
         """Gradient of the log likelihood of the run, (n_local,)."""
         return self.design.reshape(-1, self.indices.size).T @ self.misfit.ravel()
 
+    def with_noise_times(self, ratio: np.ndarray) -> RunRows:
+        """Rows under white noise with the sd of each channel times a ratio, (n_channels,)."""
+        return RunRows(self.indices, self.misfit / ratio[:, None], self.design / ratio[:, None, None])
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -176,12 +180,17 @@ class TrajectoryFit:
     """Posterior mode and its normal (Laplace) approximation, given the scales of the prior."""
 
     problem: Problem
+    point: Linearisation  # at the mode
     unknowns: np.ndarray  # (n_unknowns,); coefficients, then initial state and offsets of each run, physical units
     square_root: np.ndarray  # (n_unknowns, n_unknowns); R with R R' the posterior covariance, physical units
     residuals: tuple[np.ndarray, ...]  # (n_channels, n_blocks); whitened misfit of each run
     gradients: np.ndarray  # (n_runs, n_shared); of the log likelihood of each run, physical units
-    log_likelihood: float
     log_evidence: float  # up to a constant for a partly flat prior
+
+    @property
+    def log_likelihood(self) -> float:
+        """Log likelihood at the mode."""
+        return self.point.log_likelihood
 
     @property
     def coefficients(self) -> np.ndarray:
@@ -205,14 +214,14 @@ class TrajectoryFit:
         return float(np.mean(np.concatenate([values.ravel() for values in self.residuals]) ** 2))
 
 
-def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
-    """Linearisation of all runs at the unknowns; None where a simulation diverges."""
+def linearise(problem: Problem, unknowns: np.ndarray, rows: Sequence[RunRows] | None = None) -> Linearisation | None:
+    """Linearisation of all runs at the unknowns, by their ``rows`` if known; None where a simulation diverges."""
     unit, design = problem.unit, problem.likelihood_design
     misfit = problem.prior.likelihood_or_flat.residuals(unknowns[: problem.n_coefficients])
     gradient, matrix = -design.T @ misfit, design.T @ design
     log_likelihood = -0.5 * float(misfit @ misfit)
     runs = []
-    for noise, run in zip(problem.noise, linearised_runs(problem, unknowns), strict=True):
+    for noise, run in zip(problem.noise, rows or linearised_runs(problem, unknowns), strict=True):
         if run is None:
             return None
         indices, white, design = run
@@ -263,10 +272,12 @@ def _cost(problem: Problem, unknowns: np.ndarray, point: Linearisation | None) -
     return -point.log_likelihood + 0.5 * float(np.sum(problem.precision * distance**2))
 
 
-def _descend(problem: Problem, start: np.ndarray, tolerance: float) -> tuple[np.ndarray, Linearisation]:
+def _descend(
+    problem: Problem, start: np.ndarray, tolerance: float, rows: Sequence[RunRows] | None
+) -> tuple[np.ndarray, Linearisation]:
     """Minimum and its linearisation by Levenberg-Marquardt with the damping of Nielsen (1999)."""
     unknowns, unit, center, precision = start.copy(), problem.unit, problem.center, problem.precision
-    point = linearise(problem, unknowns)
+    point = linearise(problem, unknowns, rows)
     cost = _cost(problem, unknowns, point)
     if point is None or not np.isfinite(cost):
         raise FitError(
@@ -298,14 +309,17 @@ def _descend(problem: Problem, start: np.ndarray, tolerance: float) -> tuple[np.
     )
 
 
-def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLERANCE) -> TrajectoryFit:
+def fit_trajectory(
+    problem: Problem, start: np.ndarray, tolerance: float = TOLERANCE, rows: Sequence[RunRows] | None = None
+) -> TrajectoryFit:
     """Posterior mode from a start (n_unknowns,), most probable scales of the prior, and the normal approximation.
 
-    Descents alternate with :func:`.probable_scales` of the linearised problem until the scales converge. FitError when
+    Descents alternate with :func:`.probable_scales` of the linearised problem until the scales converge; ``rows`` of
+    the runs at the start are simulated unless known. FitError when
     the start diverges, no minimum is reached or, under a flat prior, it is not unique. Marquardt (1963),
     doi:10.1137/0111030; Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986), NASA RP-1168.
     """
-    unknowns, point = _descend(problem, start, tolerance)
+    unknowns, point = _descend(problem, start, tolerance, rows)
     law = problem.prior.law
     for _ in range(_MOST_REFITS):
         if law is None:
@@ -314,7 +328,7 @@ def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLER
         scales = probable_scales(linear_problem(problem, law, unknowns, point)[0], before.eta)
         converged = np.max(np.abs(np.log(scales.sd / before.sd))) < _SCALES_CONVERGED
         problem = replace(problem, scales=scales)
-        unknowns, point = _descend(problem, unknowns, tolerance)
+        unknowns, point = _descend(problem, unknowns, tolerance, point.runs)
         if converged:
             break
     square_root, log_evidence = _normal_approximation(problem, unknowns, point)
@@ -324,11 +338,11 @@ def fit_trajectory(problem: Problem, start: np.ndarray, tolerance: float = TOLER
         row[shared] = run.gradient[: shared.size]
     return TrajectoryFit(
         problem=problem,
+        point=point,
         unknowns=unknowns,
         square_root=square_root,
         residuals=residuals,
         gradients=gradients,
-        log_likelihood=point.log_likelihood,
         log_evidence=log_evidence,
     )
 

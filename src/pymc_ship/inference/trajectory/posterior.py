@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, rng_state
-from pymc_ship.inference.trajectory.fit import TrajectoryFit, linear_problem, linearise
+from pymc_ship.inference.trajectory.fit import TrajectoryFit, linear_problem
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfits
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
@@ -133,10 +133,7 @@ def approximate_draws(
     Returns unknowns (chains * draws, n_unknowns), log factors of the scales (chains * draws, n_factors), none for a
     fixed prior, and the linearised log likelihood (chains * draws,), up to a constant.
     """
-    problem, n = fit.problem, fit.problem.n_coefficients
-    point = linearise(problem, fit.unknowns)
-    if point is None:
-        raise FitError("Draws need a mode that does not diverge, found that it does; repeat the fit.")
+    problem, point, n = fit.problem, fit.point, fit.problem.n_coefficients
     law = problem.prior.law
     if law is None:
         unknowns = fit.unknowns + rng.standard_normal((chains * draws, fit.unknowns.size)) @ fit.square_root.T

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from pymc_ship.inference.trajectory.fit import RunRows, TrajectoryFit, linearised_runs
+from pymc_ship.inference.trajectory.fit import TrajectoryFit
 from pymc_ship.inference.trajectory.noise import white_misfits
 from pymc_ship.inference.trajectory.windows import WindowFit, normal_draws
 
@@ -30,7 +28,6 @@ def _optimized_changes(mode: TrajectoryFit, normal: np.ndarray) -> np.ndarray:
     """
     n, root = mode.problem.n_coefficients, mode.square_root
     target = np.linalg.lstsq(root[:n], normal.T, rcond=None)[0].T
-    windows = [run for run in linearised_runs(mode.problem, mode.unknowns) if run is not None]  # none diverges
     changes, remaining = np.zeros_like(target), target.copy()
     distance, step_fraction = np.full(len(target), np.inf), np.ones(len(target))
     for _ in range(_MAX_STEPS):
@@ -38,7 +35,7 @@ def _optimized_changes(mode: TrajectoryFit, normal: np.ndarray) -> np.ndarray:
         if not unconverged.size:
             break
         trial = changes[unconverged] + step_fraction[unconverged, None] * remaining[unconverged]
-        remainder = target[unconverged] - trial - _nonlinear_change(mode, windows, trial)
+        remainder = target[unconverged] - trial - _nonlinear_change(mode, trial)
         length = np.linalg.norm(remainder, axis=1)
         closer = length < distance[unconverged]
         better, worse = unconverged[closer], unconverged[~closer]
@@ -47,11 +44,11 @@ def _optimized_changes(mode: TrajectoryFit, normal: np.ndarray) -> np.ndarray:
     return changes @ root[:n].T
 
 
-def _nonlinear_change(mode: TrajectoryFit, windows: Sequence[RunRows], changes: np.ndarray) -> np.ndarray:
+def _nonlinear_change(mode: TrajectoryFit, changes: np.ndarray) -> np.ndarray:
     """Nonlinear part of the change of the motion, projected on the estimate, (n_draws, n_unknowns); NaN if diverged."""
     change, projection = changes @ mode.square_root.T, np.zeros_like(changes)
     misfits = white_misfits(mode.problem, mode.unknowns + change)
-    for (indices, misfit_at_mode, design), misfit in zip(windows, misfits, strict=True):
+    for (indices, misfit_at_mode, design), misfit in zip(mode.point.runs, misfits, strict=True):
         nonlinear = misfit_at_mode[:, None] - misfit - change[:, indices] @ design.transpose(0, 2, 1)
         projection[:, indices] += np.sum(nonlinear @ design, axis=0)
     return projection @ mode.square_root

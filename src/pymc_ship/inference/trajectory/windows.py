@@ -208,9 +208,9 @@ def _iterated_fit(
     unknowns = np.concatenate([start, constants, *(window.state for window in windows)])
     least = _LEAST_SD * runs[0].sample_sd
     spread = np.array([sd[name] for name in runs[0].channels]) if sd else _rms_residual(windows, vessel, start)
-    spread = np.maximum(spread, least)
+    spread, rows = np.maximum(spread, least), None
     for _ in range(_PASSES):
-        fit = fit_trajectory(problem.with_noise_sd(spread), unknowns, _CHANGE)
+        fit = fit_trajectory(problem.with_noise_sd(spread), unknowns, _CHANGE, rows)
         square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
         noise_sd = np.maximum(spread * np.sqrt(square / sum(run.n_blocks for run in runs)), least)
         design_effect = max(_design_effect(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
@@ -220,6 +220,7 @@ def _iterated_fit(
         if np.max(np.abs(changes)) < _CONVERGED:
             break
         problem, spread = replace(problem, prior=robust), spread * ratio
+        rows = [run.with_noise_times(ratio) for run in fit.point.runs]
     return fit, noise_sd, design_effect
 
 

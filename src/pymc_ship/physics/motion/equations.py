@@ -221,7 +221,13 @@ def workspace(n_lanes: int, scheme: Scheme) -> Work:
 
 
 def scheme(vessel: Vessel) -> Scheme:
-    """Scheme of a vessel for :func:`state_derivative`; a force without terms is none."""
+    """Scheme of a vessel for :func:`state_derivative`, made once; a force without terms is none."""
+    if "scheme" not in vessel.compiled:
+        vessel.compiled["scheme"] = _scheme(vessel)
+    return vessel.compiled["scheme"]
+
+
+def _scheme(vessel: Vessel) -> Scheme:
     terms = tuple(c.term for force in vessel.forces.values() for c in force)
     dof = np.concatenate([np.full(len(force), DOFS.index(name)) for name, force in vessel.forces.items()])
     products = plan(terms)

@@ -122,7 +122,10 @@ def _steer(steering: Steering, state: np.ndarray, command: float, rudder: Rudder
 def _integrate(
     coefficients: np.ndarray, scheme: Scheme, start: Start, steering: Steering, steps: Integration, out: np.ndarray
 ) -> np.ndarray:
-    """Integrate the lanes; write samples to ``out`` (9, n_lanes, n_saved), return the steps at which they diverged."""
+    """Integrate the lanes; return the steps at which they diverged, -1 for those that did not.
+
+    The samples before that are written to ``out`` (9, n_lanes, n_saved).
+    """
     n_lanes, command = coefficients.shape[1], steering.command
     lanes = lanes_at_rest(n_lanes, steps.stages.shape[0], scheme)
     set_parts(coefficients, scheme, lanes.work)
@@ -237,7 +240,8 @@ def simulate(
         steps = integration(method, step, stride)
         out, diverged_at = _simulate_in_steps(vessel, manoeuvre, draws, steps, n_steps, start)
     for row, drift in zip(out[-3:-1], flow_components(current), strict=True):
-        row += drift * time
+        if drift:
+            row += drift * time
     attrs = {
         "vessel": vessel.name,
         **manoeuvre.attrs,
@@ -257,7 +261,7 @@ def _simulate_in_steps(
     vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, steps: Integration, n_steps: int, start: Start
 ) -> tuple[np.ndarray, np.ndarray]:
     """Samples (9, n_draws, n_saved) of ships side by side by steps of one length, and when each diverged [s]."""
-    out = np.full((len(SIMULATED), len(draws), -(-n_steps // steps.substeps)), np.nan)
+    out = np.empty((len(SIMULATED), len(draws), -(-n_steps // steps.substeps)))
     equations, steering = scheme(vessel), _steering(vessel, manoeuvre, n_steps, steps, float(start.state[5]))
     blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
@@ -266,6 +270,8 @@ def _simulate_in_steps(
         return _integrate(coefficients, equations, start, steering, steps, out[:, lanes])
 
     diverged = np.concatenate(map_in_threads(run, blocks))
+    for draw in np.flatnonzero(diverged >= 0):
+        out[:, draw, -(-diverged[draw] // steps.substeps) :] = np.nan
     return out, np.where(diverged >= 0, diverged * steps.step, np.nan)
 
 
@@ -288,7 +294,7 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
         raise SimulationError(f"The duration must be at least one step, found {duration} s at {step} s; lengthen it.")
     if duration > _MOST_STEPS * step:
         raise SimulationError(
-            f"The duration has at most {_MOST_STEPS:.0e} steps, found {duration} s at {step} s; shorten it, "
+            f"The duration has at most {_MOST_STEPS:g} steps, found {duration} s at {step} s; shorten it, "
             "or lengthen the step."
         )
     ratio = 1.0 if record_interval is None else number_or_nan(record_interval) / step

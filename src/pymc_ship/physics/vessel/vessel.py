@@ -177,6 +177,11 @@ class Vessel:
         return replace(self, forces=forces)
 
     @cached_property
+    def compiled(self) -> dict[str, Any]:
+        """What the equations of motion prepare of the vessel once, by name."""
+        return {}
+
+    @cached_property
     def inertia_matrix(self) -> np.ndarray:
         """J of the equations of motion (prime), shape (4, 4): rows surge, sway, yaw, roll; columns u, v, r, p."""
         a = self.added_mass
