@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+_AHEAD = 256  # samples in which a heading that turns back is sought first
+
 
 class SteadyTurn(NamedTuple):
     """Mean rate of turn [rad/s], speed through the water and along the track [m/s] and drift angle [rad]."""
@@ -50,7 +52,7 @@ class Record:
     def at(self, name: str, when: ArrayLike) -> Any:
         """Value of psi, x or y at a time or an array of times."""
         slope = self.psi_dot if name == "psi" else self.ground[name]
-        k = np.clip(np.searchsorted(self.time, when) - 1, 0, self.time.size - 2)
+        k = np.minimum(np.maximum(np.searchsorted(self.time, when) - 1, 0), self.time.size - 2)
         a, b, c, d = _cubic(self.time, self.motion[name], slope, k)
         s = when - self.time[k]
         return a + s * (b + s * (c + s * d))
@@ -116,9 +118,14 @@ class Record:
 
     def _turning_interval(self, begin: int, sign: float) -> int:
         """Begin of the interval after a sample in which the heading turns back from ``sign``, or the last sample."""
-        rate = sign * self.psi_dot[begin:]
-        turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(self.time[begin:]))])
-        back = np.flatnonzero(turned[1:] <= 0.0)
+        end = begin + _AHEAD
+        while True:  # over as much of the record as is needed
+            rate = sign * self.psi_dot[begin:end]
+            turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(self.time[begin:end]))])
+            back = np.flatnonzero(turned[1:] <= 0.0)
+            if back.size or end >= self.time.size:
+                break
+            end = begin + 4 * (end - begin)
         top = int(np.argmax(turned[: back[0] + 2] if back.size else turned))
         return begin + top - int(0 < top < rate.size - 1 and rate[top] <= 0.0)
 

@@ -26,7 +26,8 @@ def transform(
     padded: np.ndarray, filters: pywt.Wavelet, levels: int, translation_invariant: bool
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Approximation and details, coarsest first, of the periodic transform; white noise keeps its variance in all."""
-    approximation, details = padded, []
+    approximation = padded
+    details: list[np.ndarray] = []
     for level in range(levels):
         if translation_invariant:
             extended = _extended(approximation, filters.dec_len // 2 - 1, filters.dec_len // 2, 2**level)
