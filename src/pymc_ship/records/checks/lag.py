@@ -132,22 +132,19 @@ def _log_likelihood_ratio(residuals: np.ndarray, others: np.ndarray) -> float:
 def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = None) -> Check:
     """Lag of velocities, heading or track, distinguished from a lever arm; a ``known`` one of all runs prevails.
 
-    A lag beside an arm is taken where it explains the track better than either alone; that of x and y is preferred.
+    A late receiver on an arm is taken where both explain the track better than either alone.
     """
     if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(NAME, reason)
     track, measured = track_blocks(trial, scale)
     longest = LONGEST_LAG * scale.time
-    alone, both = (
-        {kind: _lag_fit(trial, track, measured, kind, longest, arm=arm) for kind in READINGS} for arm in (False, True)
-    )
+    fits = {kind: _lag_fit(trial, track, measured, kind, longest) for kind in READINGS}
+    receiver = _lag_fit(trial, track, measured, _RECEIVER, longest, arm=True)
     _, _, arm = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
-    kind, joint = (min(fits, key=lambda name: _rms(fits[name][2])) for fits in (alone, both))
-    if _log_likelihood_ratio(both[joint][2], both[_RECEIVER][2]) < PREFERRED:
-        joint = _RECEIVER
-    gains = [_log_likelihood_ratio(both[joint][2], residuals) for residuals in (alone[kind][2], arm)]
-    beside_arm = not known and min(gains) >= PREFERRED
-    fits, kind = ({joint: both[joint]}, joint) if beside_arm else (alone, kind)
+    kind = min(fits, key=lambda name: _rms(fits[name][2]))
+    gains = [_log_likelihood_ratio(receiver[2], residuals) for residuals in (fits[kind][2], arm)]
+    beside_arm = not known and receiver[0] < 0.0 and min(gains) >= PREFERRED
+    fits, kind = ({_RECEIVER: receiver}, _RECEIVER) if beside_arm else (fits, kind)
     found, ratio = VelocityLag(kind, *fits[kind][:2]), _log_likelihood_ratio(fits[kind][2], arm)
     numbers: Numbers = ()
     for name, (seconds, error, residuals) in fits.items():
