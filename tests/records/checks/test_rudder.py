@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter1d
 
 import pymc_ship as ps
 from tests.records.checks.cases import (
@@ -280,23 +279,12 @@ def test_a_rudder_beyond_usual_angles_may_be_in_percent(zigzag, container, degre
 
 
 @pytest.mark.parametrize("name", ["container", "kvlcc2"])
-@pytest.mark.parametrize("known", ["order", "noise"])
-def test_an_indicator_that_is_clipped_is_found_by_the_order_or_by_its_noise(name, known):
+def test_an_indicator_that_is_clipped_is_found_by_the_order(name):
     """At 25 deg in a circle at 35 deg; the record that is not clipped is good."""
     vessel = ps.load_vessel(name)
     run = circle_with_late_rudder(vessel, 90.0, 0.0)
-    time, delta = run["time"].values, run["delta"].values
-    delta = delta + np.deg2rad(0.2) * np.random.default_rng(1).standard_normal(time.size) * (known == "noise")
-    read = np.clip(delta, -np.deg2rad(25.0), None)
-    order = {"delta_command": ("time", np.deg2rad(-35.0) * (time > 89.0))} if known == "order" else {}
-    check = checks_by_name(changed(run, delta=read).assign(order), vessel)["rudder angle"]
+    run = run.assign(delta_command=("time", np.deg2rad(-35.0) * (run["time"].values > 89.0)))
+    read = np.clip(run["delta"].values, -np.deg2rad(25.0), None)
+    check = checks_by_name(changed(run, delta=read), vessel)["rudder angle"]
     assert (check.verdict, "range of" in check.sentence, "25 deg" in check.sentence) == ("doubtful", True, True)
-    check = checks_by_name(changed(run, delta=delta).assign(order), vessel)["rudder angle"]
-    assert check.verdict == ("good" if known == "order" else "not checked")
-
-
-def test_a_rudder_that_moves_on_the_approach_is_not_clipped(container):
-    """A smoothed one that leaves its angle without a bend, but no noise."""
-    run = circle_with_late_rudder(container, 30.0, 0.0)
-    smooth = gaussian_filter1d(run["delta"].values, 10.0)
-    assert "clipped" not in checks_by_name(changed(run, delta=smooth), container)["rudder angle"].sentence
+    assert checks_by_name(run, vessel)["rudder angle"].verdict == "good"

@@ -21,7 +21,11 @@ from tests.ships.ensemble.cases import motion_of, ship_of, with_likelihoods, wri
 from tests.ships.forecasting.cases import scattered
 from tests.ships.identification.cases import tanker, trial
 
-GONE = object()
+
+class GONE:
+    """For a key that is left out."""
+
+
 SAVED = Path(__file__).parents[2] / "data" / "ships"
 """Two zigzags of the KVLCC2, identified with 8 draws by the last version that wrote a format."""
 

@@ -53,7 +53,7 @@ _LEAST_APPROACH = 0.4  # of the samples about the first execute
 _PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
 _FEWEST_READINGS, _ON_THE_STEP = 5, 0.02  # different readings of a step; distance from a multiple of it, in steps
-_FIXED, _CLIPPED = 0.7, 0.1  # of a manoeuvre, at one angle; of the samples after the approach, at the largest one
+_FIXED = 0.7  # of a manoeuvre, at one angle
 _NOISY_RANGE = 8.0  # standard deviations of the noise: a fixed rudder spans 5 of them
 _MOVE = 0.6  # fraction of the way from the middle of the rudder's range to its ends
 
@@ -162,18 +162,10 @@ def rudder_step(delta: np.ndarray) -> float:
 
 
 def rudder_angle_check(trial: xr.Dataset) -> Check:
-    """Angle of a zigzag or a circle against ``delta_command`` [rad], that of a zigzag else against a multiple of 5 deg.
-
-    Before, whether the indicator is clipped: its noise on the approach vanishes at its largest angle.
-    """
+    """Rudder of a zigzag or circle against ``delta_command`` [rad], of a zigzag else against a multiple of 5 deg."""
     name = "rudder angle"
     if reason := missing_channels_text(trial, ("delta", "psi")):
         return not_checked(name, reason)
-    if clipped := _clipped_angle(trial):
-        text = (
-            f"delta scatters on the approach, and reads exactly {clipped:.3g} deg when put over: it is clipped at the "
-        )
-        return Check(name, "doubtful", f"{text}range of its indicator, and the rudder goes beyond.")
     commanded = trial.assign(delta=trial["delta_command"]) if "delta_command" in trial else None
     is_zigzag, step = bool(rudder_reversals(trial)), rudder_step(trial["delta"].values)
     if not is_zigzag and (commanded is None or not _is_fixed(trial) or not _is_fixed(commanded)):
@@ -204,17 +196,6 @@ def _put_over(delta: np.ndarray, is_zigzag: bool) -> float:
 def _is_fixed(trial: xr.Dataset) -> bool:
     """Whether the rudder keeps one angle for most of a manoeuvre, as in a circle."""
     return fixed_rudder(trial)[1] > _FIXED
-
-
-def _clipped_angle(trial: xr.Dataset) -> float:
-    """Largest reading [deg] that a rudder without any scatter keeps, though it scatters on the approach; else 0."""
-    delta, n = trial["delta"].values, int(np.searchsorted(trial["time"].values, first_execute(trial)))
-    if not _FEWEST_BLOCKS <= n < delta.size:
-        return 0.0
-    steps, bends = (np.median(np.abs(np.diff(delta[:n], order))) for order in (1, 2))
-    size = np.abs(delta[n:])
-    kept = np.mean(size == size.max()) if bends > steps > 0.0 else 0.0  # noise changes its sign, no movement does
-    return float(np.rad2deg(size.max())) if kept > _CLIPPED else 0.0
 
 
 def _moves(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
