@@ -25,7 +25,8 @@ def test_forecast_writes_a_page_and_prints_indices_beside_the_reference(made, sm
     names = ("turning_circle_20_starboard", "turning_circle_35_starboard", "zigzag_10_10_starboard")
     drawn = [f"{name}_{kind}" for name in names for kind in ("heading_and_rudder", "motion", "track")]
     assert files(tmp_path) == sorted(
-        ["forecast.html", "figures/forecast_forces.png", "tables/forecast_verdict.csv"]
+        ["forecast.html", "tables/forecast_verdict.csv"]
+        + [f"figures/forecast_{name}.png" for name in ("forces", "overview")]
         + [f"tables/forecast_{name}{what}.csv" for name in names for what in ("", "_bands")]
         + [f"figures/forecast_{name}.png" for name in drawn]
     )

@@ -159,7 +159,7 @@ def test_the_page_of_the_posterior_has_its_groups_and_attrs():
     }
     assert table_of_groups(1) == found
     attrs = {name for row in rows(Page("docs/reference/posterior_tree.md"), 2) for name in code(row[0])}
-    assert attrs == {*tree.attrs, "fixed"}
+    assert attrs == {*tree.attrs, "held_fixed", "fixed"}
 
 
 def test_the_page_of_the_posterior_has_the_groups_of_a_trajectory(ship, zigzag):

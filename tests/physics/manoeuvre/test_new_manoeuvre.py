@@ -169,7 +169,8 @@ class TestForecast:
         assert "switching headings" not in text
         stem = "forecast_rudder_kick_20_40_starboard"
         drawn = {path.stem for path in (tmp_path / "figures").iterdir()}
-        assert drawn == {"forecast_forces", *(f"{stem}_{name}" for name in ("track", "heading_and_rudder", "motion"))}
+        of_section = {f"{stem}_{name}" for name in ("track", "heading_and_rudder", "motion")}
+        assert drawn == {"forecast_forces", "forecast_overview"} | of_section
         with (tmp_path / "tables" / f"{stem}.csv").open() as file:
             rows = {row["index"]: row for row in csv.DictReader(file)}
         assert list(rows) == ["time to midships", "time to half rate", "residual yaw rate"]

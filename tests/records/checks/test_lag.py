@@ -156,38 +156,3 @@ def lag_check_of(seconds, error):
     numbers = [("lag", seconds), ("standard error", error), ("misfit", 1.0)]
     values = ((f"{name}, {kind}", value, "") for kind in READINGS for name, value in numbers)
     return Check(NAME, "doubtful", "", tuple(values), mendable=True)
-
-
-@pytest.mark.parametrize(("name", "rudder", "seconds", "arm"), [("kvlcc2", 20, 3.0, 20.0), ("kvlcc2", 35, 3.0, -40.0)])
-def test_a_receiver_that_is_late_on_an_arm_is_no_arm_alone(name, rudder, seconds, arm):
-    """Both are found with their sizes; the arm alone is, too, and the lag does not turn the sign of v."""
-    vessel = ps.load_vessel(name)
-    manoeuvre = ps.zigzag(20, 20) if rudder == 20 else ps.turning_circle(rudder)
-    run = noisy(ps.simulate(vessel, manoeuvre, duration=600, record_interval=1.3))
-    psi = run["psi"].values
-    placed = changed(run, x=run["x"].values + arm * np.cos(psi), y=run["y"].values + arm * np.sin(psi))
-    late = changed(placed, **{one: earlier(placed, placed[one].values, seconds) for one in "xy"})
-    for trial, lags in ((late.sel(time=slice(5, None)), True), (placed, False)):
-        checks = checks_by_name(trial, vessel)
-        assert checks["lever arm"].value("lever arm") == pytest.approx(arm, abs=4.0)
-        assert checks["velocity lag"].verdict == ("doubtful" if lags else "good")
-    lag = lag_of(checks_by_name(late.sel(time=slice(5, None)), vessel)["velocity lag"])
-    assert lag.late == ("x", "y")
-    assert lag.seconds == pytest.approx(-seconds, abs=1.0)
-
-
-def test_a_late_receiver_does_not_turn_the_sign_of_v():
-    vessel = ps.load_vessel("container")
-    run = ps.simulate(vessel, ps.zigzag(20, 20), duration=270, record_interval=0.6)
-    psi = run["psi"].values
-    placed = changed(run, x=run["x"].values - 40.0 * np.cos(psi), y=run["y"].values - 40.0 * np.sin(psi))
-    late = changed(placed, **{one: earlier(placed, placed[one].values, 3.0) for one in "xy"})
-    assert checks_by_name(noisy(late).sel(time=slice(5, None)), vessel)["sway sign"].verdict != "bad"
-
-
-def test_a_clean_turn_to_starboard_has_neither_a_lag_nor_an_arm():
-    """The residuals of a heeling ship prefer a lag beside an arm a little, by fewer than five standard errors."""
-    vessel = ps.load_vessel("container")
-    turn = ps.turning_circle(35, side="starboard")
-    checks = checks_by_name(noisy(ps.simulate(vessel, turn, duration=290.4, record_interval=0.6)), vessel)
-    assert {checks[name].verdict for name in ("velocity lag", "lever arm")} <= {"good", "not checked"}

@@ -33,7 +33,6 @@ RESIDUAL_MATCH, RESIDUAL_BAD = 0.1, 0.5  # such a residual up to which the rate 
 NOISE_FACTOR = 3.0  # ratio of a residual to the noise of the record from which it is more than noise
 OUTLIER_FRACTION = 0.25  # largest fraction of the blocks that is left out as outliers
 SPEED_BAD = 0.2  # scale error of the speed from which it is bad: larger than by a current or a log
-_PARTS = np.linspace(0.2, 0.8, 7)  # of a record, at which a scale or an offset may change
 SMOOTHED = 0.1  # standard deviation [L/U] of a smoother from which r or psi is doubted
 HEADING_DRIFT = 0.2  # drift of the heading [deg] in five L/U from which a gyro offset matters
 MISALIGNED = 0.35  # rad, largest deviation of a compass
@@ -76,31 +75,11 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
         text = f"The integral of {rate} does not follow {angle} in {np.mean(~fit.used):.0%} of the record, between "
         check = replace(check, verdict="doubtful", sentence=f"{text}{begin:.4g} and {end:.4g} s; cut that part out.")
     if check.verdict == "good" and rate == "r":
-        text = _step_text(trial["time"].values, predicted, measured, time) or _smoothing_text(trial, turning, scale)
+        text = _smoothing_text(trial, turning, scale)
         check = replace(check, verdict="doubtful", sentence=text) if text else check
     drift = ((predicted - measured) / time)[fit.used]
     error = drift.std(ddof=1) / np.sqrt(drift.size) + 0.1 * SCALE_DOUBTFUL * abs(turning.mean())
     return check, _rate_offset_check(rate, angle, drift.mean(), error, scale)
-
-
-def _step_text(clock: np.ndarray, predicted: np.ndarray, measured: np.ndarray, time: np.ndarray) -> str:
-    """Sentence on a scale or an offset of r that changes within a record, as where a logger restarts; else empty.
-
-    Given its ``clock`` [s] and, over blocks, the increments of the integral of r, of psi and of time.
-    """
-    worst, text = SIGNIFICANT, ""
-    least = {"scale": 2.0 * SCALE_DOUBTFUL, "offset": np.deg2rad(HEADING_DRIFT) / time.sum()}
-    for part in _PARTS:
-        after = np.arange(measured.size) >= part * measured.size
-        for words, column in (("scale", predicted), ("offset", time)):
-            (_, _, step), (_, _, error), _ = least_squares([predicted, time, after * column], measured)
-            if abs(step) > max(worst * error, least[words]):
-                worst = abs(step) / error
-                size = f"{-step:+.1%}" if words == "scale" else f"{-np.rad2deg(step):+.2g} deg/s"
-                at = clock[0] + part * (clock[-1] - clock[0])
-                text = f"The {words} of r against psi changes by {size} at about {at:.3g} s: the logger or the sensor "
-                text += "was restarted, or the file is of two records; split it there."
-    return text
 
 
 def _smoothing_text(trial: xr.Dataset, turning: np.ndarray, scale: ShipScale) -> str:

@@ -14,7 +14,6 @@ from pymc_ship.records.checks.track import (
     TrackBlocks,
     body_velocity,
     earth_velocity,
-    lever_column,
     lever_fit,
     track_blocks,
 )
@@ -32,7 +31,6 @@ READINGS = {
     "heading": (("psi", "r"), ("u", "v", "x", "y")),
 }
 """Kinds of lag, with the channels that are late where it is positive, and where it is negative."""
-_RECEIVER = "earth"  # kind of a satellite receiver, whose antenna stands on an arm
 
 NAME = "velocity lag"  # name of the check
 _RATIO = "log likelihood ratio, lag over lever arm"
@@ -104,13 +102,13 @@ def _track_increments(
 
 
 def _lag_fit(
-    trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float, *, arm: bool = False
+    trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float
 ) -> tuple[float, float, np.ndarray]:
-    """Least-squares lag of a kind [s] by Gauss-Newton, its error [s] and the residuals [m]; beside a lever ``arm``."""
-    seconds, columns = 0.0, [lever_column(trial, track).ravel()] if arm else []
+    """Least-squares lag of a kind [s] by Gauss-Newton, its error [s] and the residuals [m]."""
+    seconds = 0.0
     for _ in range(_STEPS):
         predicted, slope = _track_increments(trial, track, kind, seconds)
-        (step, *_), (error, *_), residuals = track.fit([slope.ravel(), *columns], measured - predicted)
+        (step, *_), (error, *_), residuals = track.fit([slope.ravel()], measured - predicted)
         seconds = float(np.clip(seconds + step, -longest, longest))
         if abs(step) < _CONVERGED:
             break
@@ -130,21 +128,13 @@ def _log_likelihood_ratio(residuals: np.ndarray, others: np.ndarray) -> float:
 
 
 def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = None) -> Check:
-    """Lag of velocities, heading or track, distinguished from a lever arm; a ``known`` one of all runs prevails.
-
-    A late receiver on an arm is taken where both explain the track better than either alone.
-    """
+    """Lag of velocities, heading or track, distinguished from a lever arm; a ``known`` one of all runs prevails."""
     if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(NAME, reason)
     track, measured = track_blocks(trial, scale)
-    longest = LONGEST_LAG * scale.time
-    fits = {kind: _lag_fit(trial, track, measured, kind, longest) for kind in READINGS}
-    receiver = _lag_fit(trial, track, measured, _RECEIVER, longest, arm=True)
+    fits = {kind: _lag_fit(trial, track, measured, kind, LONGEST_LAG * scale.time) for kind in READINGS}
     _, _, arm = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
     kind = min(fits, key=lambda name: _rms(fits[name][2]))
-    gains = [_log_likelihood_ratio(receiver[2], residuals) for residuals in (fits[kind][2], arm)]
-    beside_arm = not known and receiver[0] < 0.0 and min(gains) >= PREFERRED
-    fits, kind = ({_RECEIVER: receiver}, _RECEIVER) if beside_arm else (fits, kind)
     found, ratio = VelocityLag(kind, *fits[kind][:2]), _log_likelihood_ratio(fits[kind][2], arm)
     numbers: Numbers = ()
     for name, (seconds, error, residuals) in fits.items():
@@ -157,12 +147,12 @@ def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = N
         text = f"{_lag_text(known, 'in all runs, ')}; shift them."
         return Check(NAME, "doubtful", text, numbers, mendable=True)
     matters = abs(found.seconds) > max(LAG * scale.time, sampling_interval(trial), SIGNIFICANT * found.error)
-    if not matters or abs(found.seconds) >= longest or ratio < PREFERRED:
+    too_long = abs(found.seconds) >= LONGEST_LAG * scale.time
+    if not matters or too_long or ratio < PREFERRED:
         text = f"No channel lags the others ({found.seconds:.2g} s, error {found.error:.1g} s)."
         return Check(NAME, "good", text, numbers)
-    where = ", beside a lever arm" if beside_arm else ""
-    misfits = f"the misfit is {_rms(fits[kind][2]):.2g} m, with a lever arm alone {_rms(arm):.2g} m"
-    text = f"{_lag_text(found)}{where}: {misfits}; shift them."
+    misfits = f"the misfit is {_rms(fits[kind][2]):.2g} m, with a lever arm {_rms(arm):.2g} m"
+    text = f"{_lag_text(found)}: {misfits}; shift them."
     return Check(NAME, "doubtful", text, numbers, mendable=True)
 
 
@@ -178,14 +168,9 @@ def lag_correction(check: Check) -> str:
 
 
 def rival_of_lever(check: Check) -> str:
-    """Words on a lag that explains the track as well as a lever arm does, or is uncertain beside it; else empty."""
-    if not check.numbers or check.mendable:
-        return ""
-    lag = lag_of(check)
-    if len(_kinds(check)) > 1:
-        return _lag_text(lag) if check.value(_RATIO) > -PREFERRED else ""
-    matters = abs(check.value("lag over L/U")) > LAG and abs(lag.seconds) > check.value("interval")
-    return f"{_lag_text(lag)} beside it" if matters else ""
+    """Words on a lag that explains the track as well as a lever arm does; empty without one."""
+    is_rival = check.numbers and not check.mendable and check.value(_RATIO) > -PREFERRED
+    return _lag_text(lag_of(check)) if is_rival else ""
 
 
 def lag_of(check: Check) -> VelocityLag:
@@ -194,22 +179,16 @@ def lag_of(check: Check) -> VelocityLag:
     for kind in READINGS:
         if (label := f"lag of all runs, {kind}") in values:
             return VelocityLag(kind, values[label], values[f"standard error, {kind}"])
-    kind = min(_kinds(check), key=lambda name: values[f"misfit, {name}"])
+    kind = min(READINGS, key=lambda name: values[f"misfit, {name}"])
     return VelocityLag(kind, values[f"lag, {kind}"], values[f"standard error, {kind}"])
-
-
-def _kinds(check: Check) -> list[str]:
-    """Kinds of lag that a check has: all, or one beside a lever arm."""
-    return [kind for kind in READINGS if f"lag, {kind}" in {label for label, _, _ in check.numbers}]
 
 
 def common_lag(checked: Iterable[Sequence[Check]]) -> VelocityLag | None:
     """One lag of several runs of a facility; None where no run shows a lag that matters.
 
-    Runs with a lag beside a lever arm show it alone. The kind has the smallest product of misfits over the runs. The
-    value is the mean of the runs, weighted by the inverse of the variance of each and of the scatter between them
-    (DerSimonian & Laird 1986, doi:10.1016/0197-2456(86)90046-2). ``checked`` are the :func:`pymc_ship.trial_checks` of
-    each run, else TrialError.
+    The kind has the smallest product of misfits over the runs. The value is the mean of the runs, weighted by the
+    inverse of the variance of each and of the scatter between them (DerSimonian & Laird 1986,
+    doi:10.1016/0197-2456(86)90046-2). ``checked`` are the :func:`pymc_ship.trial_checks` of each run, else TrialError.
     """
     every = [check for checks in checked for check in ([checks] if isinstance(checks, Check) else checks)]
     if not all(isinstance(check, Check) for check in every):
@@ -217,11 +196,7 @@ def common_lag(checked: Iterable[Sequence[Check]]) -> VelocityLag | None:
     lag_checks = [check for check in every if check.name == NAME and check.numbers]
     if not any(check.mendable for check in lag_checks):
         return None
-    lag_checks = [check for check in lag_checks if len(_kinds(check)) == 1] or lag_checks
-    kinds = [kind for kind in READINGS if all(kind in _kinds(check) for check in lag_checks)]
-    if not kinds:
-        return None
-    kind = min(kinds, key=lambda name: sum(np.log(check.value(f"misfit, {name}")) for check in lag_checks))
+    kind = min(READINGS, key=lambda name: sum(np.log(check.value(f"misfit, {name}")) for check in lag_checks))
     values = np.array([check.value(f"lag, {kind}") for check in lag_checks])
     variance = np.array([check.value(f"standard error, {kind}") for check in lag_checks]) ** 2
     weight = 1.0 / variance

@@ -97,8 +97,9 @@ class _Motion:
 
     @property
     def fastest(self) -> float:
-        """Speed [m/s] exceeded for L/U: that of the approach, which is a small part of two rounds of a circle."""
-        return float(np.sort(self.U)[-round(1.0 / _BLOCK) :][0])
+        """Speed [m/s] that 5 % of the blocks exceed up to one round: the approach is a small part of two rounds."""
+        turned = np.abs(np.cumsum(self.r)) * self.interval
+        return float(np.quantile(self.U[turned <= max(2.0 * np.pi, turned[0])], 0.95))
 
     @property
     def ahead(self) -> np.ndarray:

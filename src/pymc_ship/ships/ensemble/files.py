@@ -199,6 +199,8 @@ def _read_index(folder: Path) -> dict:
 
 def _has_form(value: Any, form: Any) -> bool:
     """Whether a value of an index has a form of :data:`_FORM`."""
+    if form is _LAW and not isinstance(value, list):
+        return _has_form(value, float)
     if isinstance(form, list):
         is_empty_law = form is _LAW and not value
         return isinstance(value, list) and not is_empty_law and all(_has_form(one, form[0]) for one in value)
