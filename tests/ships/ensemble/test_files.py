@@ -107,7 +107,7 @@ WRONG = [
     *((("terms",), bad) for bad in ([], {}, None, "text")),
     *((("terms", 0, key), GONE) for key in ("name", "file", "weight", "log_density")),
     (("terms", 0, "log_density", 0), "text"),
-    *(((key,), bad) for key in ("facilities", "index_error", "motion_error") for bad in (None, 3, ["a"], {"": 3})),
+    *(((key,), bad) for key in ("facilities", "index_error", "motion_error") for bad in (None, 3, ["a"], {"": "text"})),
     (("motion_error", "u", 0), []),
     (("motion_error", "u"), []),
     (("facilities", "", "rudder_delay"), GONE),
