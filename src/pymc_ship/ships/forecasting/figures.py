@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -97,13 +98,10 @@ def overview(
 def _styles(forecasts: Mapping[str, xr.DataTree]) -> dict[str, dict[str, Any]]:
     """Colour by side, line by angles, and label of each forecast."""
     sides = {"port": RUST, "starboard": BLUE}
-    angles = list(dict.fromkeys(tree.attrs["label"].removesuffix(tree.attrs["side"]) for tree in forecasts.values()))
+    angles = {name: tree.attrs["label"].removesuffix(tree.attrs["side"]) for name, tree in forecasts.items()}
+    lines = dict(zip(dict.fromkeys(angles.values()), cycle(_LINES), strict=False))
     return {
-        name: {
-            "color": sides[tree.attrs["side"]],
-            "ls": _LINES[angles.index(tree.attrs["label"].removesuffix(tree.attrs["side"])) % len(_LINES)],
-            "label": tree.attrs["label"],
-        }
+        name: {"color": sides[tree.attrs["side"]], "ls": lines[angles[name]], "label": tree.attrs["label"]}
         for name, tree in forecasts.items()
     }
 
