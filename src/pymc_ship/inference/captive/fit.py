@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.optimize import least_squares
 
 from pymc_ship.inference.captive.table import FORCE_DOFS, FORCES
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood
@@ -177,7 +177,7 @@ def _mode(
 
     coefficients, sd = prior.mean, np.ones(len(names))
     for _ in range(_PASSES):
-        step = least_squares(residuals, (coefficients - prior.mean) / prior.scale, jacobian).x
+        step = scipy.optimize.least_squares(residuals, (coefficients - prior.mean) / prior.scale, jacobian).x
         coefficients, previous = prior.mean + prior.scale * step, sd
         misfit, slopes = forces(coefficients)
         sd = np.maximum(np.sqrt(np.mean(misfit**2, axis=1)), _LEAST * np.abs(measured).max(axis=1))

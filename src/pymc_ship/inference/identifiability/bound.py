@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.optimize import brentq
-from scipy.special import erf
 
 from pymc_ship.inference.identifiability.information import identifiability
 from pymc_ship.inference.trajectory.runs import trajectory_run
@@ -47,10 +46,10 @@ def errors_on_bound(relative_bound: np.ndarray) -> dict[str, float]:
 
     def probability(limit: float) -> float:
         """Mean probability of an error under a limit [%]."""
-        return float(np.mean(erf(limit / (np.sqrt(2.0) * bounds))))
+        return float(np.mean(scipy.special.erf(limit / (np.sqrt(2.0) * bounds))))
 
     most = 10.0 * np.max(bounds, initial=0.0, where=np.isfinite(bounds))
     half = most and probability(most) > 0.5
-    median = brentq(lambda error: probability(error) - 0.5, 0.0, most) if half else float("inf")
+    median = scipy.optimize.brentq(lambda error: probability(error) - 0.5, 0.0, most) if half else float("inf")
     counts = {f"under_{limit:g}": 100.0 * probability(limit) for limit in ERROR_LIMITS}
     return {"coefficients": bounds.size, "median": median, **counts}

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy import special
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
@@ -77,12 +77,12 @@ def rank_p_value(ranks: np.ndarray, draws: int) -> float:
     cuts = cuts[cuts > 0]
     probability = cuts / (draws + 1)
     counts = np.arange(n + 1)
-    at_most = special.bdtr(counts, n, probability[:, None])
-    at_least = special.bdtr(n - counts, n, 1.0 - probability[:, None])  # the other ranks number at most n - count
+    at_most = scipy.special.bdtr(counts, n, probability[:, None])
+    at_least = scipy.special.bdtr(n - counts, n, 1.0 - probability[:, None])  # the other ranks number at most n - count
     tail = np.minimum(at_most, at_least)
     observed = np.searchsorted(np.sort(ranks), cuts)
     inside = tail > max(tail[np.arange(cuts.size), observed].min() * (1.0 + 1e-9), _TINY)
-    factorial = special.gammaln(counts + 1.0)
+    factorial = scipy.special.gammaln(counts + 1.0)
     here, chance, before = np.array([0]), np.array([1.0]), 0.0
     for allowed, now in zip(inside, probability, strict=True):
         there, q = np.flatnonzero(allowed), (now - before) / (1.0 - before)
@@ -121,7 +121,7 @@ def quantities(data: RegressionData, draws: Draws) -> np.ndarray:
 
 def _z(p_value: ArrayLike) -> np.ndarray:
     """Two-sided normal quantile of p-values."""
-    return np.abs(special.ndtri(0.5 * np.asarray(p_value)))
+    return np.abs(scipy.special.ndtri(0.5 * np.asarray(p_value)))
 
 
 def with_z_limit(table: xr.Dataset) -> xr.Dataset:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from pymc_ship.inference.trajectory.fit import (
     Noise,
@@ -126,8 +126,8 @@ def residual_tests(fit: TrajectoryFit) -> ResidualTests:
     for run, noise, white, samples in zip(problem.runs, problem.noise, fit.residuals, all_samples, strict=True):
         size = np.mean(white**2, axis=1) * (noise.sd / white_noise(run).sd) ** 2
         spread = np.sqrt(2.0 / white.shape[1] + 5.4 / run.inputs.shape[1])
-        p_size += list(2.0 * stats.norm.sf(np.abs(size - 1.0) / spread))
-        p_tails += list(stats.kurtosistest(samples, axis=1, alternative="greater").pvalue)
+        p_size += list(2.0 * scipy.stats.norm.sf(np.abs(size - 1.0) / spread))
+        p_tails += list(scipy.stats.kurtosistest(samples, axis=1, alternative="greater").pvalue)
     return ResidualTests(serial_test(fit), offset_test(fit), _bonferroni(p_tails), _bonferroni(p_size))
 
 
@@ -145,7 +145,7 @@ def serial_test(fit: TrajectoryFit) -> float:
         r = np.array([np.sum(white[:, k:] * white[:, : n - k], axis=1) for k in range(lags + 1)])
         r = r[1:] / r[0]
         box = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1, lags + 1))[:, None], axis=0)
-        p += list(stats.chi2.sf(box, lags))
+        p += list(scipy.stats.chi2.sf(box, lags))
     return _bonferroni(p)
 
 
@@ -167,7 +167,7 @@ def offset_test(fit: TrajectoryFit) -> float:
     covariance = np.linalg.inv(H / np.outer(size, size))
     slope = point.gradient + precision * (unknowns - problem.center) / problem.unit
     step = (covariance @ (slope / size))[free]
-    return float(stats.chi2.sf(step @ np.linalg.solve(covariance[np.ix_(free, free)], step), free.sum()))
+    return float(scipy.stats.chi2.sf(step @ np.linalg.solve(covariance[np.ix_(free, free)], step), free.sum()))
 
 
 def sample_residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
@@ -243,7 +243,7 @@ def _student_noise(fit: TrajectoryFit, offsets: bool) -> tuple[float, list[Noise
 
     def log_density(nu: float) -> float:
         pieces = zip(rows, scales[nu], strict=True)
-        return sum(stats.t.logpdf(values, nu, scale=scale).sum() for values, scale in pieces)
+        return sum(scipy.stats.t.logpdf(values, nu, scale=scale).sum() for values, scale in pieces)
 
     nu = max(_DEGREES_OF_FREEDOM, key=log_density)
     scale, begin, noise = np.array(scales[nu]), 0, []
@@ -260,7 +260,7 @@ def _student_noise(fit: TrajectoryFit, offsets: bool) -> tuple[float, list[Noise
 
 def _t_scale(values: np.ndarray, nu: float) -> float:
     """Maximum-likelihood scale of Student's t about 0, by EM."""
-    scale = float(np.median(np.abs(values)) / stats.t.ppf(0.75, nu))
+    scale = float(np.median(np.abs(values)) / scipy.stats.t.ppf(0.75, nu))
     for _ in range(50):
         weight = (nu + 1.0) / (nu + (values / scale) ** 2)
         scale, before = float(np.sqrt(np.mean(weight * values**2))), scale

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.signal import savgol_filter
 
 from pymc_ship.inference.trajectory.fit import TrajectoryFit, fit_trajectory, initial_problem
 from pymc_ship.inference.trajectory.mode import TrajectoryMode
@@ -151,7 +151,7 @@ def window_misfit(window: Window, vessel: Vessel, coefficients: np.ndarray) -> n
 def smoothed_channel(values: np.ndarray, unit: float) -> np.ndarray:
     """Channel smoothed by a local cubic over half an L/U; ``unit`` is the samples in L/U."""
     size = max(round(_SMOOTHED * unit) | 1, 5)
-    return savgol_filter(values, size, 3) if size <= values.size else values
+    return scipy.signal.savgol_filter(values, size, 3) if size <= values.size else values
 
 
 def fit_windows(

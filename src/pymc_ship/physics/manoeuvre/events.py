@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 _AHEAD = 256  # samples in which a heading that turns back is sought first
 
@@ -148,7 +148,7 @@ def first_root(coefficients: Sequence[float], start: float, end: float) -> float
     turning_points = [x for x in _quadratic_roots(b, 2.0 * c, 3.0 * d) if start < x < end]
     for low, high in pairwise([start, *turning_points, end]):
         if value(low) * value(high) <= 0.0:
-            return float(brentq(value, low, high))
+            return float(scipy.optimize.brentq(value, low, high))
     return math.nan
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.signal import correlate
 
 from pymc_ship.records.checks.mistakes import SIGNS, corrected_by
 from pymc_ship.records.checks.plausibility import DRIFT
@@ -68,7 +68,7 @@ def _closest_lag(one: np.ndarray, other: np.ndarray) -> int:
     begin, end = np.maximum(0, -lags), np.minimum(one.size, other.size - lags)  # of the overlap, in the first
     energy = [np.append(0.0, np.cumsum(values**2)) for values in (one, other)]
     square = energy[0][end] - energy[0][begin] + energy[1][end + lags] - energy[1][begin + lags]
-    square -= 2.0 * correlate(other, one, mode="full", method="fft")
+    square -= 2.0 * scipy.signal.correlate(other, one, mode="full", method="fft")
     enough = end - begin >= 0.5 * min(one.size, other.size)
     return int(lags[np.argmin(np.where(enough, square / np.maximum(end - begin, 1), np.inf))])
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.special import ndtri
 
 from pymc_ship.machine.arguments import check_callables, check_counts, number_or_nan, short_repr
 from pymc_ship.machine.errors import SimulationError
@@ -52,7 +52,7 @@ _SWINGS = 3  # swings of a zigzag
 _POINTS = 64  # points of a track
 _MOST_RUNS = 100  # runs to choose
 _FAR, _TINY = 1e3, 1e-12  # distance [sd] of a draw without an index, and least half width
-_QUANTILE = float(ndtri(0.5 + 0.5 * _INSIDE))
+_QUANTILE = float(scipy.special.ndtri(0.5 + 0.5 * _INSIDE))
 
 
 class _Run(NamedTuple):

@@ -12,9 +12,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.optimize import brentq
-from scipy.special import logsumexp, ndtr, ndtri
 
 from pymc_ship.physics.manoeuvre.kinds import SCORED_QUANTITIES
 from pymc_ship.physics.manoeuvre.registry import kind_named
@@ -77,7 +76,7 @@ def extrapolation_growth(rows: Sequence[Mapping], errors: Mapping[str, np.ndarra
         typical = EXTRAPOLATION_SD * row["beyond"]
         variance = known_variance + errors[row["kind"]][:, None] ** 2 + (typical * SIZE_GRID) ** 2
         log_likelihood -= 0.5 * LIKELIHOOD_WEIGHT * (np.log(variance) + error**2 / variance)
-    return equal_sizes(SIZE_GRID, normalised_law(logsumexp(log_likelihood, axis=0)))
+    return equal_sizes(SIZE_GRID, normalised_law(scipy.special.logsumexp(log_likelihood, axis=0)))
 
 
 def growth_at(growth: np.ndarray, measured: float, beyond: float) -> np.ndarray:
@@ -151,14 +150,14 @@ def index_sd(row: Mapping, errors: Mapping[str, np.ndarray], growth: np.ndarray 
 
 def equivalent_sd(sd: np.ndarray) -> float:
     """Sd of the normal law with the 95 % interval of a mixture of equally probable N(0, sd^2), sd (n_laws,)."""
-    quantile = ndtri(0.5 + 0.5 * _COVERED)
+    quantile = scipy.special.ndtri(0.5 + 0.5 * _COVERED)
     if sd.min() == sd.max():
         return float(sd[0])
 
     def excess(half_width: float) -> float:
-        return float(np.mean(2.0 * ndtr(half_width / sd) - 1.0)) - _COVERED
+        return float(np.mean(2.0 * scipy.special.ndtr(half_width / sd) - 1.0)) - _COVERED
 
-    return float(brentq(excess, quantile * sd.min(), quantile * sd.max())) / quantile
+    return float(scipy.optimize.brentq(excess, quantile * sd.min(), quantile * sd.max())) / quantile
 
 
 def reliability(beyond: float) -> dict[str, float | str]:

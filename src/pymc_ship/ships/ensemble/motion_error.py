@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, ndtr
+import scipy
 
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -62,7 +62,7 @@ def size_law(
 def normalised_law(log_likelihood: np.ndarray, median: float = 1.0) -> np.ndarray:
     """Log probabilities of :data:`SIZE_GRID` (n_sizes,): a half-Cauchy prior of this median, times a likelihood."""
     log_weight = log_likelihood + np.log(SIZE_GRID) - np.log(median**2 + SIZE_GRID**2)
-    return log_weight - logsumexp(log_weight)
+    return log_weight - scipy.special.logsumexp(log_weight)
 
 
 def equal_sizes(size: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ def with_motion_error(
 def mixture_quantiles(sd: np.ndarray, probability: np.ndarray) -> np.ndarray:
     """Quantiles of a mixture of equally probable normal laws about 0, of standard deviations ``sd`` (n_laws,)."""
     reach = np.append(0.0, np.geomspace(1e-3 * sd.min(), 9.0 * sd.max(), _NODES))
-    above = np.mean(ndtr(reach[:, None] / sd), axis=1) - 0.5
+    above = np.mean(scipy.special.ndtr(reach[:, None] / sd), axis=1) - 0.5
     off = probability - 0.5
     return np.sign(off) * np.interp(np.abs(off), above, reach)
 

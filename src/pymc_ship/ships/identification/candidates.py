@@ -257,9 +257,11 @@ def fit_candidates(
         progress(f"{next(done)} of {len(names)} term sets fitted")
         return result
 
-    streams = [np.random.default_rng([root, k]) for k in range(len(names))]
+    streams = {name: np.random.default_rng([root, k]) for k, name in enumerate(names)}
+    by_duration = sorted(streams, key=lambda name: (len(with_terms(training.vessel, name).parts), names.index(name)))
     with threadpool_limits(limits=1, user_api="blas"):
-        attempts = map_in_threads(attempt, names, streams)
+        fitted = map_in_threads(lambda name: attempt(name, streams[name]), by_duration[::-1])
+    attempts = sorted(fitted, key=lambda attempt: names.index(attempt.name))
     candidates = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not candidates:

@@ -7,8 +7,8 @@ from copy import deepcopy
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.special import ndtri
 
 from pymc_ship.machine.arguments import check_counts, check_probabilities, number_or_nan, short_repr
 from pymc_ship.machine.errors import FitError, TrialError
@@ -318,7 +318,7 @@ def _score_window(tree: xr.DataTree, noise_sd: np.ndarray) -> dict[str, list[flo
     for name in SCORED[:-1]:
         values = measured[name].values
         low, middle, high = (bands[name].sel(band=band).values for band in BANDS)
-        reach = ndtri(0.5 + 0.5 * ci_prob) * noise[name]
+        reach = scipy.special.ndtri(0.5 + 0.5 * ci_prob) * noise[name]
         half = np.where(values < middle, middle - low, high - middle)
         scores["square"].append(float(np.mean((median[name].values - values) ** 2)))
         scores["coverage"].append(float(np.mean(np.abs(values - middle) <= np.hypot(half, reach))))
