@@ -48,6 +48,8 @@ class Record:
         self.x_dot = surge * np.cos(psi) - sway * np.sin(psi)
         self.y_dot = surge * np.sin(psi) + sway * np.cos(psi)
         self.ground = {"x": self.x_dot + drift[0], "y": self.y_dot + drift[1]}
+        turns = 0.5 * (self.psi_dot[1:] + self.psi_dot[:-1]) * np.diff(self.time)
+        self.turned = np.concatenate([[0.0], np.cumsum(turns)])  # integral of the yaw rate, free of the compass noise
 
     def at(self, name: str, when: ArrayLike) -> Any:
         """Value of psi, x or y at a time or an array of times."""
@@ -120,14 +122,13 @@ class Record:
         """Begin of the interval after a sample in which the heading turns back from ``sign``, or the last sample."""
         end = begin + _AHEAD
         while True:  # over as much of the record as is needed
-            rate = sign * self.psi_dot[begin:end]
-            turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(self.time[begin:end]))])
+            turned = sign * (self.turned[begin:end] - self.turned[begin])
             back = np.flatnonzero(turned[1:] <= 0.0)
             if back.size or end >= self.time.size:
                 break
             end = begin + 4 * (end - begin)
         top = int(np.argmax(turned[: back[0] + 2] if back.size else turned))
-        return begin + top - int(0 < top < rate.size - 1 and rate[top] <= 0.0)
+        return begin + top - int(0 < top < turned.size - 1 and sign * self.psi_dot[begin + top] <= 0.0)
 
     def _root(self, k: int, polynomial: Callable[[Sequence[float]], Sequence[float]], after: float) -> float:
         """First root, from ``after`` on, of a polynomial made of the cubic of psi on interval k; else its end."""

@@ -192,13 +192,13 @@ def _left_out(ship: Ship, suitable: Models) -> list[str]:
 
 def _feasible(models: Models, manoeuvre: Manoeuvre, runs: list[xr.Dataset]) -> list[xr.Dataset]:
     """Simulated draws of the models that are feasible; FitError where fewer than two are."""
-    feasible = [run[{"draw": feasible_runs(ship, manoeuvre, run)}] for run, (ship, _) in zip(runs, models, strict=True)]
-    if sum(run.sizes["draw"] for run in feasible) < 2:
+    feasible = [feasible_runs(ship, manoeuvre, run) for run, (ship, _) in zip(runs, models, strict=True)]
+    if sum(map(np.sum, feasible)) < 2:
         raise FitError(
             f"A forecast needs two feasible draws, found fewer: the others diverge in the {manoeuvre.label}; "
             "add trials or a prior."
         )
-    return feasible
+    return [run if rows.all() else run[{"draw": rows}] for run, rows in zip(runs, feasible, strict=True)]
 
 
 def _steering_sentence(vessel: Vessel, facilities: Mapping[str, Steering], facility: str | None) -> str:
