@@ -171,3 +171,26 @@ def test_a_wind_beside_a_heading_that_begins_at_0_is_told(tanker, circle):
     for trial, told in ((circle, True), (turned, False)):
         check = checks_by_name(blown(trial, "true", np.random.default_rng(1)), tanker)["wind"]
         assert (check.verdict, "begins at 0" in check.sentence) == ("good", told)
+
+
+def test_a_fit_states_a_wind_beside_a_heading_that_begins_at_0(tanker, circle):
+    """In the remarks that every command prints; not without a wind."""
+    blowing = blown(circle, "true", np.random.default_rng(1))
+    cosine, sine = np.cos(0.5), np.sin(0.5)
+    turned = blowing.assign(
+        psi=circle["psi"] + 0.5,
+        x=cosine * circle["x"] - sine * circle["y"],
+        y=sine * circle["x"] + cosine * circle["y"],
+    )
+    for trial, told in ((blowing, True), (circle, False), (turned, False)):
+        remarks = ps.validated_trial(trial, tanker).attrs["record_remarks"]
+        assert ("wind: The heading of this record begins at 0" in remarks) == told
+
+
+def test_a_vane_that_stands_still_in_a_gusty_wind_is_doubtful(tanker, circle):
+    """At 0, as without a sensor, or at another angle."""
+    gusts = 8.0 + np.random.default_rng(1).standard_normal(circle.sizes["time"])
+    for angle in (0.0, 1.0):
+        still = circle.assign(wind_speed=("time", gusts), wind_direction=("time", np.full(gusts.size, angle)))
+        check = checks_by_name(still, tanker)["wind"]
+        assert (check.verdict, "a vane that is stuck" in check.sentence) == ("doubtful", True)

@@ -75,6 +75,35 @@ class TestText:
         assert "Rudder angle [deg]: P and S behind each number read." in notes
         assert "delta changed in sign: the file counts it positive to starboard." in notes
 
+    @pytest.mark.parametrize("heading", ["", "T/M", "ref", "heading ref"])
+    def test_the_letter_of_north_beside_a_heading(self, read, heading):
+        """True or magnetic, as HDT,123.4,T split into columns has it; also where a number is missing."""
+        rows = "".join(f"{k},5,{12 + k},{{0}},0\n" for k in range(5))
+        table = f"time,u,Heading [deg],{heading},v\n{rows}5,5,,{{0}},0\n"
+        trial = read(table.format("T"))
+        np.testing.assert_allclose(np.rad2deg(trial["psi"]), 12.0 + np.arange(trial.sizes["time"]))
+        assert "Heading [deg]: T behind each number read." in trial.attrs["reading"].splitlines()
+        with refused(TrialError, "Heading", "offset"):
+            read(table.format("M"))
+        stated = {"columns": {"psi": {"column": "Heading [deg]", "unit": "deg", "offset": 2.5}}}
+        trial = read(table.format("M"), format=stated)
+        np.testing.assert_allclose(np.rad2deg(trial["psi"]), 14.5 + np.arange(trial.sizes["time"]))
+        assert "Heading [deg]: M behind each number read." in trial.attrs["reading"].splitlines()
+
+    def test_the_letter_of_reference_beside_a_wind(self, read):
+        """R of MWV is a relative wind, T a true one; both in one column are refused."""
+        head = "time,u,v,psi [deg],wind_speed,Wind direction [deg],ref\n"
+        still = head + "".join(f"{k},5,0,0,5,0,{{0}}\n" for k in range(5))  # the ship's own wind
+        assert read(still.format("R"))["wind_speed"].values == pytest.approx(0.0)
+        assert read(still.format("T"))["wind_speed"].values == pytest.approx(5.0)
+        with refused(TrialError, "direction"):
+            read(still.replace("0,5,0,0,5,0,{0}", "0,5,0,0,5,0,R").format("T"))
+
+    @pytest.mark.parametrize("words", ["wind_direction", "Wind direction true"])
+    def test_what_the_wind_is_taken_for_is_stated(self, read, words):
+        still = f"time,u,wind_speed,{words} [deg]\n" + "".join(f"{k},5,5,0\n" for k in range(5))
+        assert "wind_direction taken as that of the true wind" in read(still).attrs["reading"]
+
     @pytest.mark.parametrize("north", [33.9, -33.9])
     @pytest.mark.parametrize(
         "form",

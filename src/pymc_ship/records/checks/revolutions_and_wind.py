@@ -72,6 +72,12 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     size = ship_blocks(trial, scale, _BLOCK).size
     if not all(np.isfinite(trial[key].values).all() for key in ("wind_speed", "wind_direction")):
         return Check(name, "doubtful", "The wind is missing in a part of the record; fill it in.")
+    if np.ptp(trial["wind_direction"].values) == 0.0 < np.ptp(trial["wind_speed"].values):
+        text = (
+            f"wind_direction stays at {np.rad2deg(trial['wind_direction'].values[0]):.3g} deg while wind_speed varies: "
+        )
+        text += "a vane that is stuck or not connected; leave both columns out, or state the direction."
+        return Check(name, "doubtful", text)
     if np.ptp(trial["psi"].values) < _TURNED:
         return not_checked(name, "true and relative wind cannot be distinguished on one course")
     doubt = from_first_course_text({"this record": trial})
@@ -98,7 +104,7 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 
 
 def from_first_course_text(trials: Mapping[str, xr.Dataset]) -> str:
-    """Sentence on a wind beside headings that all begin at 0, by the names of the records; empty without one."""
+    """Sentence on a wind beside headings that all begin at 0, by the names of windy records; empty without one."""
     begins = [one["psi"].values[:_FIRST].mean() if "psi" in one else np.nan for one in trials.values()]
     if not begins or not (np.abs(np.angle(np.exp(1j * np.array(begins)))) < _NORTH).all():
         return ""

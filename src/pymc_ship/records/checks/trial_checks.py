@@ -16,7 +16,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, track
 from pymc_ship.records.checks.lag import VelocityLag, lag_check, lag_correction, lag_of, rival_of_lever, without_lag
 from pymc_ship.records.checks.mistakes import COURSE, changed
-from pymc_ship.records.checks.revolutions_and_wind import revolutions_check, wind_check
+from pymc_ship.records.checks.revolutions_and_wind import from_first_course_text, revolutions_check, wind_check
 from pymc_ship.records.checks.verdicts import Check, not_checked
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
 from pymc_ship.records.files.ship_scale import ship_scale
@@ -299,7 +299,7 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     -------
     Dataset, dims (time,)
         Copy; attrs ``corrections`` (a sentence for each), ``record_verdict`` and ``record_remarks`` (a line for each
-        doubtful or overruled check).
+        doubtful or overruled check, and for a wind beside a heading that begins at 0).
 
     Raises
     ------
@@ -322,7 +322,10 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     if sentence := failed_checks(checks, overrule):
         raise TrialError(sentence, checks=[one for one in checks if one.verdict == "bad" and one.name not in overrule])
     verdicts = [check.verdict for check in checks if check.verdict != "not checked"]
-    mended = with_quality_flags(_apply_corrections(trial, checks), worst_verdict(verdicts), _remarks(checks))
+    remarks = _remarks(checks)
+    if "wind_direction" in trial and (text := from_first_course_text({"this record": trial})):
+        remarks.append(f"wind: {text}")
+    mended = with_quality_flags(_apply_corrections(trial, checks), worst_verdict(verdicts), remarks)
     corrections = [
         *trial.attrs.get("corrections", []),
         *(_CORRECTION_TEXT[check.name](check) for check in checks if check.mendable),

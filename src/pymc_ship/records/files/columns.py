@@ -43,6 +43,8 @@ _MAGNETIC = re.compile(r"(?<![a-z])(?:m|mag|magnetic|degm|hdm)(?![a-z])")
 _OF_NORTH = re.compile(r"[ (]*(?<![a-z])(?:t|true|m|mag|magnetic)(?![a-z])\)?")
 """The north of a direction, true or magnetic: of its name and unit, and what is none of its name."""
 
+MAGNETIC = "deg M"  # unit of a direction beside the letter M
+
 _OF_MINUTES = re.compile(r"d{2,3}m{2}\.m+", re.IGNORECASE)  # unit of degrees and minutes in one number
 
 _SHIP_SPEED = "the speed of the ship"
@@ -491,7 +493,7 @@ def _column_of_heading(
     if not channels:
         return None
     unit = stated or _unit_of(name, unit_below) or (name if channels[0].unit.factor(name) else None)
-    if channels[0].name in _DIRECTIONS and _MAGNETIC.search(f"{name} {unit}".lower()):
+    if channels[0].name in _DIRECTIONS and _MAGNETIC.search(plain_name(f"{heading} {unit_below}")):
         raise TrialError(
             f"{where}, column {heading!r}: a direction is counted from true north, found a magnetic one; state the "
             f'declination, [columns] {channels[0].name} = {{ column = "{heading}", unit = "deg", offset = 2.5 }}.'
@@ -583,14 +585,6 @@ def _chosen_column(
     factor = channel.unit.factor(unit)
     if factor is None:
         raise TrialError(_unknown_unit(where, wanted, channel, unit))
-    signs = {key: choice[key] for key in SETTINGS if key in choice}
-    return Column(
-        channel=channel.name,
-        index=matched[0],
-        heading=wanted,
-        unit=unit,
-        factor=factor,
-        **signs,
-        named_by="the format file",
-        unit_by=unit_by,
-    )
+    known: dict[str, Any] = {key: choice[key] for key in SETTINGS if key in choice}
+    known |= {"unit": unit, "factor": factor, "named_by": "the format file", "unit_by": unit_by}
+    return Column(channel=channel.name, index=matched[0], heading=wanted, **known)

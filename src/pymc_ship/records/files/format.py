@@ -352,7 +352,8 @@ def with_true_wind(
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Channels with true wind, clockwise from north where it blows from; a sentence. TrialError if one is missing."""
     if layout.wind == "true":
-        return channels, []
+        words = 'wind_direction taken as that of the true wind, from which it blows; else state wind = "relative".'
+        return channels, [words] if "wind_direction" in channels else []
     _check_channels(channels, ("wind_speed", "wind_direction", "u", "v", "psi"), "wind = 'relative'", where)
     flow = true_air(*(channels[name] for name in ("wind_speed", "wind_direction", "u", "v", "psi")))
     moved = channels | {"wind_speed": np.abs(flow), "wind_direction": np.angle(-flow) % (2.0 * np.pi)}

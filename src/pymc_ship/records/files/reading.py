@@ -39,8 +39,6 @@ from pymc_ship.records.files.columns import (
     is_over_ground,
     is_unit,
     matched_columns,
-    name_and_unit,
-    plain_name,
     plain_text,
     receiver_stand_ins,
     without_thousands,
@@ -58,10 +56,9 @@ from pymc_ship.records.files.format import (
 from pymc_ship.records.files.interpolation import brought_together, interpolated
 from pymc_ship.records.files.sides import (
     FOUND,
-    SIDES,
     bare_numbers,
-    letters_of,
     shows_axes,
+    with_letters_beside,
     with_minutes,
     with_rudder_side,
 )
@@ -77,7 +74,6 @@ _SIDES = ("port", "starboard")
 _OPEN_QUOTE = re.compile(r'(?:^|[,;\t])"[^"]*$')  # of a cell that goes on in the next line
 _BEGIN_OF_STAMP = re.compile(r"\s*\d+[-:/.]\d")
 _REPEATED = 1.5  # rows of one stamp, in the mean, from which another clock precedes
-_BESIDE = frozenset(("", "n/s", "ns", "e/w", "ew", "p/s", "ps", "side", "dir", "direction", "hemisphere"))
 _AROUND_UNITS = " []{}()-"
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
@@ -492,34 +488,18 @@ def _coarse(table: TextTable) -> set[int]:
     return {k for k in clocks if len(table.rows) > _REPEATED * len({row[k] for row in table.rows})}
 
 
-def _with_letters_beside(table: TextTable) -> TextTable:
-    """Table whose letters in a column of their own, such as N and S, stand behind the unsigned numbers beside them."""
-    headings, rows = list(table.headings), table.rows
-    for k, heading in enumerate(table.headings):
-        if next((row[k].strip().upper() for row in rows if row[k].strip()), "") not in SIDES:
-            continue
-        letters = {row[k].strip().upper() for row in rows} - {""}
-        sided = [j for j, name in enumerate(headings) if letters <= letters_of(name)[1].keys()]
-        word = plain_name(heading).split(" ")[0]
-        targets = [j for j in sided if word and name_and_unit(headings[j])[0].startswith(word)]
-        targets += [j for j in (k - 1, k + 1) if j in sided and plain_name(heading) in _BESIDE]
-        if targets and not any(row[targets[0]].strip().startswith("-") for row in rows):
-            headings[k], at = "", targets[0]
-            rows = [[*row[:at], f"{row[at]} {row[k]}", *row[at + 1 :]] for row in rows]
-    return replace(table, headings=headings, rows=rows)
-
-
 def _with_bare_numbers(table: TextTable) -> TextTable:
     """Table whose cells have numbers alone; a rudder with letters of its side is positive to starboard."""
-    table = _with_letters_beside(table)
-    units, rows, notes, side = list(table.units), table.rows, list(table.notes), table.rudder_positive
+    headings, rows = with_letters_beside(table.headings, table.rows)
+    units, notes, stated = list(table.units), list(table.notes), dict(table.settings)
     for k, heading in enumerate(table.headings):
         if read := bare_numbers(heading, units[k], rows, k):
             rows = [[*row[:k], number, *row[k + 1 :]] for row, number in zip(rows, read.cells, strict=True)]
-            side = "starboard" if read.channel == "delta" else side
+            stated |= read.stated
             units[k] = read.unit
             notes += read.notes
-    return replace(table, units=units, rows=rows, notes=notes, rudder_positive=side)
+    side = stated.pop("rudder_positive", table.rudder_positive)
+    return replace(table, headings=headings, units=units, rows=rows, notes=notes, rudder_positive=side, settings=stated)
 
 
 def _stamps(table: TextTable, column: Column) -> list[str]:

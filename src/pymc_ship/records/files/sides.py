@@ -6,7 +6,7 @@ A motion and its mirror image, with y, psi, v, r, phi, p and delta reversed, agr
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.files.columns import (
+    MAGNETIC,
     MISSING_CELLS,
     Column,
     cell_numbers,
@@ -48,10 +49,15 @@ _OF_THE_BRIDGE = ("rot", "rate of turn")  # of r, positive to starboard
 
 
 _STARBOARD = {"P": "-", "S": "", "PORT": "-", "STBD": "", "STARBOARD": ""}
-_LETTERS = {"latitude": {"N": "", "S": "-"}, "longitude": {"E": "", "W": "-"}, "psi": {"T": ""}, "cog": {"T": ""}}
+_LETTERS = {"latitude": {"N": "", "S": "-"}, "longitude": {"E": "", "W": "-"}, "wind_direction": {"T": "", "R": ""}}
+_LETTERS |= dict.fromkeys(("psi", "cog"), dict.fromkeys(("T", "M", "TRUE", "MAG", "MAGNETIC"), ""))
 _LETTERS |= dict.fromkeys(("delta", "r", "v"), _STARBOARD)
-"""Sign of a number by the letter beside it: hemispheres, true directions, port and starboard."""
-SIDES = frozenset(letter for signs in _LETTERS.values() for letter in signs)
+"""Sign of a number by the letter beside it: hemispheres, true and other directions, port and starboard."""
+_SIDES = frozenset(letter for signs in _LETTERS.values() for letter in signs)
+_NORTH = _LETTERS["psi"].keys() | _LETTERS["wind_direction"].keys()
+_BESIDE = {"", "n", "s", "ns", "e", "w", "ew", "p", "ps", "side", "dir", "direction", "hemisphere", "unit", "type"}
+_BESIDE |= {"t", "m", "r", "ref", "reference", "north", "true", "mag", "magnetic"}
+"""Words in the heading of a column of letters that belongs to the column beside it."""
 
 _MINUTES = re.compile(
     r"(?P<before>[NSEW]?)\s*(?P<sign>[-+]?)(?P<degrees>\d{1,3})\s*[°:\s-]\s*"
@@ -250,13 +256,31 @@ def letters_of(heading: str) -> tuple[str, Mapping[str, str]]:
     return next(((one.name, _LETTERS[one.name]) for one in channels_of(heading) if one.name in _LETTERS), ("", {}))
 
 
+def with_letters_beside(headings: Sequence[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows where letters in a column of their own, such as N and S, stand behind the numbers beside."""
+    named = list(headings)
+    for k, heading in enumerate(headings):
+        if next((row[k].strip().upper() for row in rows if row[k].strip()), "") not in _SIDES:
+            continue
+        letters = {row[k].strip().upper() for row in rows} - {""}
+        sided = [j for j, name in enumerate(named) if letters <= letters_of(name)[1].keys()]
+        word = plain_name(heading).split(" ")[0]
+        targets = [j for j in sided if word and name_and_unit(named[j])[0].startswith(word)]
+        is_beside = not _BESIDE.isdisjoint(re.split(r"\W+", plain_name(heading)))
+        targets += [j for j in (k - 1, k + 1) if j in sided and is_beside]
+        if targets and (letters <= _NORTH or not any(row[targets[0]].strip().startswith("-") for row in rows)):
+            named[k], at = "", targets[0]
+            rows = [[*row[:at], f"{row[at]} {row[k]}" if row[at].strip() else "", *row[at + 1 :]] for row in rows]
+    return named, rows
+
+
 class BareNumbers(NamedTuple):
-    """Cells of a column without units and letters, its unit, sentences, and the channel if they had letters."""
+    """Cells of a column without units and letters, its unit, sentences, and what the letters state, by key."""
 
     cells: list[str]
     unit: str
+    stated: dict[str, str]
     notes: list[str]
-    channel: str
 
 
 def bare_numbers(heading: str, unit: str, rows: Sequence[Sequence[str]], k: int) -> BareNumbers | None:
@@ -272,15 +296,26 @@ def bare_numbers(heading: str, unit: str, rows: Sequence[Sequence[str]], k: int)
         cells, unit, notes = degrees, unit or "deg", [f"{heading}: degrees and minutes of each position read."]
     found = [_NUMBER_AND_WORD.fullmatch(cell) for cell in cells]
     words = {_word(one) for one in found if one} - {""}
-    sided, stated = {word.upper() for word in words} <= signs.keys(), unit or name_and_unit(heading)[1]
+    letters, stated = {word.upper() for word in words}, unit or name_and_unit(heading)[1]
+    sided = letters <= signs.keys() and not letters >= _LETTERS["wind_direction"].keys()
     same_unit = len(words) == 1 and all(is_unit(word) and stated in (None, word) for word in words)
     bare = [_bare(one, signs, sided) if one else "" for one in found]
     whole = all(one or cell.lower() in MISSING_CELLS for one, cell in zip(bare, cells, strict=True))
     if not words or not whole or not (sided or same_unit):
-        return BareNumbers(cells, unit, notes, "") if notes and not words else None
+        return BareNumbers(cells, unit, {}, notes) if notes and not words else None
     unit = unit or (words.pop() if not sided else "" if "P" in signs else "deg")
-    notes.append(f"{heading}: {' and '.join([*signs][:2]) if sided else unit} behind each number read.")
-    return BareNumbers(bare, unit, notes, channel if sided else "")
+    seen = " and ".join(sorted(letters) if letters <= _NORTH else [*signs][:2])
+    notes.append(f"{heading}: {seen if sided else unit} behind each number read.")
+    return BareNumbers(bare, *_meaning(channel, {letter[0] for letter in letters} if sided else set(), unit), notes)
+
+
+def _meaning(channel: str, letters: Set[str], unit: str) -> tuple[str, dict[str, str]]:
+    """Unit of the numbers of a channel beside these letters, and what the letters state, by key."""
+    if channel == "delta" and letters:
+        return unit, {"rudder_positive": "starboard"}
+    if channel == "wind_direction" and "R" in letters:
+        return unit, {"wind": "relative"}
+    return MAGNETIC if "M" in letters else unit, {}
 
 
 def with_minutes(columns: dict[str, Column], rows: Sequence[Sequence[str]]) -> tuple[dict[str, Column], list[str]]:
