@@ -71,6 +71,30 @@ def test_all_channels_that_are_late_are_set_right(runs, container, kind):
     assert "later" in mended.attrs["corrections"][0]
 
 
+@pytest.mark.parametrize("kind", ["body", "earth"])
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_long_lag_is_no_other_unit_or_sign_of_v(runs, container, kind, wrong):
+    """5 s, which half of v, or knots, explain in part; a v of another sign is still one."""
+    late = noisy(LATE[kind](runs[0], 5.0), level=0.002)
+    checks = checks_by_name(changed(late, v=-late["v"].values) if wrong else late, container)
+    assert (checks["sway sign"].verdict == "bad") == wrong
+    if not wrong:
+        assert lag_of(checks["velocity lag"]).kind == kind
+        assert lag_of(checks["velocity lag"]).seconds == pytest.approx(5.0, abs=0.2)
+        assert checks["velocity lag"].mendable
+
+
+@pytest.mark.parametrize(("share", "mendable"), [(0.45, True), (0.7, False)])
+def test_a_lag_of_half_a_ship_length_is_named_and_not_mended(runs, container, share, mendable):
+    seconds = share * container.particulars.L / container.particulars.nominal_speed
+    check = checks_by_name(noisy(late_body(runs[1], seconds), level=0.002), container)["velocity lag"]
+    assert (check.verdict, check.mendable, "state their delay" in check.sentence) == (
+        "doubtful",
+        mendable,
+        not mendable,
+    )
+
+
 @pytest.mark.parametrize("run", [0, 1])
 def test_late_positions_leave_the_velocities_alone(runs, container, run):
     """A receiver that filters is late; velocities that are early do not exist."""

@@ -5,6 +5,7 @@ x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi, ov
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,6 +57,10 @@ class TrackBlocks:
         slow = np.hypot(*current[0][-2:]) <= FASTEST_CURRENT * self.speed
         return current if slow and current[2] @ current[2] < log[2] @ log[2] else log
 
+    def missing_velocity(self, residuals: np.ndarray) -> float:
+        """Root mean square of a velocity [m/s] whose increments of the track are these residuals, of both axes."""
+        return float(np.sqrt(2.0 * np.mean((residuals / np.tile(self.time, 2)) ** 2)))
+
     def increments(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Increments of a track forward and to starboard of the mean heading, shape (2, n_blocks - 1)."""
         x, y, cos, sin = self.blocks.increments(x), self.blocks.increments(y), np.cos(self.psi), np.sin(self.psi)
@@ -101,8 +106,11 @@ def _lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
     return track.increments_of(-rate * np.sin(psi), rate * np.cos(psi))
 
 
-def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
-    """Checks that u and v are body-fixed and v has the right sign, as the track shows; misfits in m/s."""
+def axes_checks(trial: xr.Dataset, scale: ShipScale, late: Callable[[xr.Dataset], float]) -> tuple[Check, Check]:
+    """Checks that u and v are body-fixed and v has the right sign, as the track shows; misfits in m/s.
+
+    ``late`` gives the misfit of a trial with a late channel; a lag that leaves less precedes a sign or scale of v.
+    """
     names = ("velocity axes", "sway sign")
     if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(names[0], reason), not_checked(names[1], reason)
@@ -125,9 +133,9 @@ def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
         if significant and reading * BETTER < min(body, flipped):
             text = f"u and v miss the track by {body:.2g} m/s, with {words} by {reading:.2g} m/s; state {key}."
             return replace(axes, verdict="bad", sentence=text), not_checked(names[1], "the ship seems to go astern")
-    if significant and (text := _sway_scale_text(trial, track, measured, scale, min(body, flipped))):
+    if significant and (text := _sway_scale_text(trial, track, measured, scale, min(body, flipped), late)):
         return axes, Check(names[1], "bad", text, numbers)
-    if significant and flipped * BETTER < body:
+    if significant and flipped * BETTER < body and min(flipped, late(trial.assign(v=-trial["v"]))) < late(trial):
         text = f"v misses the track by {body:.2g} m/s, -v by {flipped:.2g} m/s; flip its sign (starboard is positive)."
         return axes, Check(names[1], "bad", text, numbers)
     if flipped < BETTER * body or flipped < 0.01 * scale.U:
@@ -136,7 +144,12 @@ def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
 
 
 def _sway_scale_text(
-    trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, scale: ShipScale, misfit: float
+    trial: xr.Dataset,
+    track: TrackBlocks,
+    measured: np.ndarray,
+    scale: ShipScale,
+    misfit: float,
+    late: Callable[[xr.Dataset], float],
 ) -> str:
     """Sentence on the factor of v that leads to the track, beside a lever arm and offsets; empty without one."""
     u, v = trial["u"].values, trial["v"].values
@@ -150,7 +163,7 @@ def _sway_scale_text(
     ):
         return ""
     left = _misfit(trial.assign(v=factor * trial["v"]), track, measured, scale, "body", 1.0)
-    if left * BETTER >= misfit:
+    if left * BETTER >= misfit or late(trial) <= left:
         return ""
     text = f"u and v miss the track by {misfit:.2g} m/s, with {factor:.3g} v by {left:.2g} m/s"
     if factor < NO_SWAY:
@@ -168,7 +181,7 @@ def _misfit(
     lever, _, residuals = lever_fit(trial, track, missing)
     if abs(lever) > LONGEST_LEVER * scale.L:
         residuals = missing.ravel()
-    return float(np.sqrt(2.0 * np.mean((residuals / np.tile(track.time, 2)) ** 2)))
+    return track.missing_velocity(residuals)
 
 
 def track_misfit(trial: xr.Dataset, scale: ShipScale) -> float:

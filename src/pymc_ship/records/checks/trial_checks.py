@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,15 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks import excitation, kinematics, plausibility, record_quality, rudder, track
-from pymc_ship.records.checks.lag import VelocityLag, lag_check, lag_correction, lag_of, rival_of_lever, without_lag
+from pymc_ship.records.checks.lag import (
+    VelocityLag,
+    lag_check,
+    lag_correction,
+    lag_of,
+    late_misfit,
+    rival_of_lever,
+    without_lag,
+)
 from pymc_ship.records.checks.mistakes import COURSE, changed
 from pymc_ship.records.checks.revolutions_and_wind import from_first_course_text, revolutions_check, wind_check
 from pymc_ship.records.checks.verdicts import Check, not_checked
@@ -145,7 +154,7 @@ def _closure_checks(
         reason = f"{' and '.join(wrong)} must be right first"
         names = ("velocity axes", "sway sign", "velocity lag", "lever arm", "track closure")
         return trial, checks + [not_checked(name, reason) for name in names]
-    axes = track.axes_checks(trial, scale)
+    axes = track.axes_checks(trial, scale, partial(late_misfit, scale))
     trial = _apply_corrections(trial, axes)
     if "bad" in (axes[0].verdict, axes[1].verdict):
         reason = "the signs of u and v must be right first"
