@@ -13,12 +13,12 @@ from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, prepa
 from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.records.steering.measured import recorded_settings
 from pymc_ship.ships.identification.held_out import (
     SCORED_CHANNELS,
     cross_validate,
     forecast_indices,
     recorded_indices,
-    recorded_settings,
     score_folds,
 )
 from tests.physics.forces.test_parts import AHEAD

@@ -117,6 +117,29 @@ def test_a_forecast_of_a_record_has_its_wind():
     assert "1 of 2 term sets have no forces of wind." in two.attrs["steering"]
 
 
+def test_a_forecast_of_a_record_has_its_revolutions():
+    """Those of a record at less than the usual ones; term sets without a propeller are simulated without."""
+    parts, terms = by_parts(AHEAD), ps.load_vessel("kvlcc2")
+    slow = 0.8 * parts.propeller.n
+    run = ps.simulate(parts, ps.turning_circle(35), duration=900, step=0.5, n=slow)
+    trial = run.assign(n=("time", np.full(run.sizes["time"], slow)))
+    manoeuvre = ps.turning_circle(35, approach_speed=float(run["u"][0]))
+    of_parts, of_terms = ((one, np.tile(reference_coefficients(one), (2, 1))) for one in (parts, terms))
+    settings = {"rng": np.random.default_rng(1), "duration": 900}
+    one, two, none = (
+        recorded_forecast(ship_of(*of), manoeuvre, trial, **settings)
+        for of in ((of_parts,), (of_parts, of_terms), (of_terms,))
+    )
+    true = ps.indices(run)["time_to_180"]
+    assert one["indices"]["time_to_180"].values == pytest.approx(float(true), rel=2e-3)
+    nominal = ps.forecast(ship_of(of_parts), manoeuvre, **settings)["indices"]["time_to_180"].values
+    assert nominal.max() < 0.99 * float(true)
+    stated = f"The forecast has the median revolutions of the record, {60.0 * slow:.3g} 1/min."
+    assert stated in one.attrs["steering"]
+    assert f"{stated} 1 of 2 term sets have no revolutions." in two.attrs["steering"]
+    assert "revolutions of the record" not in none.attrs["steering"]
+
+
 def test_the_page_has_every_table_and_figure(scored, records, tmp_path):
     ship, found, rows = scored
     page = write_score_page(ship, records, found, rows, tmp_path, draws=1, command="pymc-ship score")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.events import Record
 from pymc_ship.physics.manoeuvre.indices import indices_of_run
 from pymc_ship.physics.manoeuvre.registry import kind_named
@@ -20,7 +21,7 @@ from pymc_ship.physics.manoeuvre.steering_record import (
     rudder_reversals,
 )
 from pymc_ship.physics.manoeuvre.zigzags import BY_HAND
-from pymc_ship.physics.motion.inputs import recorded_wind
+from pymc_ship.physics.motion.inputs import recorded_wind, revolutions_measured, takes_revolutions
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import MIN_LENGTH, denoise
 from pymc_ship.records.denoising.draws import denoise_draws
@@ -151,6 +152,15 @@ def wind_off_bow(trial: xr.Dataset) -> tuple[float, float] | None:
         return None
     wind = recorded_wind(trial.isel(time=trial["time"].values >= first_execute(trial))) or 0j
     return abs(wind), float(np.rad2deg(np.angle(wind) - base_course(trial))) % 360.0
+
+
+def recorded_settings(trial: xr.Dataset, vessel: Vessel) -> dict[str, Any]:
+    """Measured revolutions ``n`` [1/s] and ``wind`` (speed [m/s], origin to base course [deg]), if modelled."""
+    settings: dict[str, Any] = {}
+    if takes_revolutions(vessel) and revolutions_measured(trial):
+        settings["n"] = float(np.median(trial["n"].values[trial["time"].values >= first_execute(trial)]))
+    wind = wind_off_bow(trial) if WIND.name in vessel.parts else None
+    return settings if wind is None else settings | {"wind": wind}
 
 
 def order_sentence(delay: float, speed: float) -> str:

@@ -13,14 +13,13 @@ from pymc_ship.machine.arguments import check_choice, check_counts, check_probab
 from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.pages.tables import rounded_percent
-from pymc_ship.physics.forces.surroundings import WIND, Flow
 from pymc_ship.physics.manoeuvre.indices import indices, needs_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.inputs import held_speed
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
-from pymc_ship.records.steering.measured import order_sentence, wind_off_bow
+from pymc_ship.records.steering.measured import order_sentence, recorded_settings
 from pymc_ship.records.steering.recognition import Steering, with_steering
 from pymc_ship.ships.ensemble.draws import Models, suitable_models, thinned_draws
 from pymc_ship.ships.ensemble.feasibility import feasible_runs
@@ -132,22 +131,35 @@ def known_facility(ship: Ship, trial: xr.Dataset) -> str | None:
 def recorded_forecast(
     ship: Ship, manoeuvre: Manoeuvre, trial: xr.Dataset, *, rng: np.random.Generator, draws: int = 1000, **settings: Any
 ) -> xr.DataTree:
-    """Forecast of a recorded manoeuvre, as :func:`forecast`: at its facility, and in its mean wind.
+    """Forecast of a recorded manoeuvre, as :func:`forecast`: at its facility, revolutions and in its mean wind.
 
-    A term set without forces of wind is simulated without it.
+    A term set without revolutions or forces of wind is simulated without them.
     """
     check_counts(least=2, draws=draws)
-    facility, wind = known_facility(ship, trial), wind_off_bow(trial)
+    facility = known_facility(ship, trial)
     models = thinned_draws(_models_at_facility(ship, facility), draws)
-    blown = [wind if WIND.name in vessel.parts else None for vessel, _ in models]
-    tree = _ship_forecast(ship, models, manoeuvre, rng, facility, winds=blown, **settings)
-    if wind is not None and any(blown):
-        still = f" {blown.count(None)} of {len(blown)} term sets have no forces of wind." if None in blown else ""
-        tree.attrs["steering"] += (
-            f" The forecast has the mean wind of the record, {wind[0]:.3g} m/s from {round(wind[1]) % 360} deg off the "
-            f"bow of the approach.{still}"
-        )
+    each = [recorded_settings(trial, vessel) for vessel, _ in models]
+    tree = _ship_forecast(ship, models, manoeuvre, rng, facility, each=each, **settings)
+    tree.attrs["steering"] = " ".join([tree.attrs["steering"], *_recorded_sentences(each)])
     return tree
+
+
+def _recorded_sentences(each: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Sentences on the revolutions and the wind of a record in the simulations of each term set."""
+    sentences, of_all = [], {key: value for own in each for key, value in own.items()}
+    if "n" in of_all:
+        sentences.append(f"The forecast has the median revolutions of the record, {60.0 * of_all['n']:.3g} 1/min.")
+    if "wind" in of_all:
+        speed, bow = of_all["wind"]
+        sentences.append(
+            f"The forecast has the mean wind of the record, {speed:.3g} m/s from {round(bow) % 360} deg off the bow of "
+            "the approach."
+        )
+    for key, words in (("n", "revolutions"), ("wind", "forces of wind")):
+        lacking = sum(key not in own for own in each)
+        if lacking and key in of_all:
+            sentences.append(f"{lacking} of {len(each)} term sets have no {words}.")
+    return sentences
 
 
 def _ship_forecast(
@@ -235,7 +247,7 @@ def pooled_forecast(
     errors: Mapping[str, np.ndarray | float] | None = None,
     growth: Callable[[float], np.ndarray | float] = lambda beyond: 1.0,
     only_feasible: bool = False,
-    winds: Sequence[Flow] | None = None,
+    each: Sequence[Mapping[str, Any]] | None = None,
     **settings: Any,
 ) -> xr.DataTree:
     """As :func:`forecast`, with the draws of models that differ in terms and parts alone.
@@ -244,13 +256,12 @@ def pooled_forecast(
     are pairs of a vessel and draws (n_draws, n_coefficients), fitted to the prime ``motion``, dims (row, symbol).
     ``noise`` is the sd of the sensors by channel [SI], ``errors`` the error of the indices by kind, from
     :func:`.model_error`, and ``growth`` that of the error at a distance beyond the motion, such as
-    :meth:`.Ship.growth_at`. ``winds`` has the wind of each model, in place of one for all.
+    :meth:`.Ship.growth_at`. ``each`` has settings of each model, beside those of all.
     """
-    each: list[dict] = [{}] * len(models) if winds is None else [{"wind": wind} for wind in winds]
     settings |= {"duration": duration}
     runs = [
-        simulate(ship, manoeuvre, coefficients=rows, **settings | own)
-        for (ship, rows), own in zip(models, each, strict=True)
+        simulate(ship, manoeuvre, coefficients=rows, **settings | dict(own))
+        for (ship, rows), own in zip(models, each or [{}] * len(models), strict=True)
     ]
     if only_feasible:
         runs = _feasible(models, manoeuvre, runs)

@@ -15,15 +15,14 @@ import xarray as xr
 
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.windows import Window, WindowFit, window_misfit, with_constants
-from pymc_ship.physics.forces.surroundings import CURRENT, CURRENT_COMPONENTS, WIND
+from pymc_ship.physics.forces.surroundings import CURRENT, CURRENT_COMPONENTS
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.manoeuvre.steering_record import base_course, first_execute
-from pymc_ship.physics.motion.inputs import revolutions_measured, takes_revolutions
+from pymc_ship.physics.manoeuvre.steering_record import base_course
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
-from pymc_ship.records.steering.measured import index_draws, measured_indices, wind_off_bow
+from pymc_ship.records.steering.measured import index_draws, measured_indices, recorded_settings
 from pymc_ship.records.steering.recognition import unrecognised_text
 from pymc_ship.ships.ensemble.draws import robust_sd
 from pymc_ship.ships.ensemble.index_error import index_scale
@@ -116,15 +115,6 @@ def _log_density(misfit: np.ndarray, sd: np.ndarray) -> float:
     if not np.isfinite(square).all():
         return -np.inf
     return float(-np.sum(np.log(sd) + 0.5 * _LOG_2PI + 0.5 * square / sd**2))
-
-
-def recorded_settings(trial: xr.Dataset, vessel: Vessel) -> dict[str, Any]:
-    """Measured revolutions ``n`` [1/s] and ``wind`` (speed [m/s], origin to base course [deg]), if modelled."""
-    settings: dict[str, Any] = {}
-    if takes_revolutions(vessel) and revolutions_measured(trial):
-        settings["n"] = float(np.median(trial["n"].values[trial["time"].values >= first_execute(trial)]))
-    wind = wind_off_bow(trial) if WIND.name in vessel.parts else None
-    return settings if wind is None else settings | {"wind": wind}
 
 
 def _through_water(
