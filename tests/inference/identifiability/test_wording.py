@@ -23,6 +23,12 @@ test_fit_errors = wording(
             ({"noise": []}, "found 1 runs, 0 noises"),
             ({"initial_states": [np.zeros(5), np.zeros(5)]}, "2 states"),
             ({"initial_states": [np.zeros(5)]}, "diverged in run 1"),
+            *(({"noise": bad}, "Each of noise must be a Noise, found") for bad in (b"a", ["a"], [None], range(1))),
+            *(({"initial_states": bad}, "State 1 of initial_states must be real numbers") for bad in ([b"a"], ["a"])),
+            *(
+                ({"initial_states": bad}, r"State 1 of initial_states must have 5 numbers, found the shape")
+                for bad in (b"a", [3.0], [np.zeros(4)])
+            ),
         ]
     ),
 )

@@ -125,6 +125,27 @@ def test_velocities_over_ground_drift_with_the_track_of_a_circle(tanker, two_rou
     assert checks_by_name(ground.assign_attrs(speeds="over ground"), tanker)["track closure"].verdict == "good"
 
 
+@pytest.mark.parametrize("direction", [0.0, 90.0, 270.0])
+@pytest.mark.parametrize("run", ["zigzag", "approach and turn", "quarter"])
+def test_velocities_over_ground_show_a_current_across_where_the_ship_does_not_turn(tanker, run, direction):
+    """In a turn alone nothing shows it; velocities through the water show none, nor those stated as over ground."""
+    manoeuvres = {
+        "zigzag": ps.zigzag(10.0, 10.0),
+        "approach and turn": ps.rudder_programme([0.0, 120.0, 131.0, 600.0], np.deg2rad([0.0, 0.0, 20.0, 20.0])),
+        "quarter": ps.turning_circle(20.0),
+    }
+    duration = 300 if run == "quarter" else 600
+    settings = {"duration": duration, "record_interval": 1.0, "current": (0.6, direction)}
+    water = noisy(ps.simulate(tanker, manoeuvres[run], **settings), level=0.005)
+    flow = 0.6 * np.exp(1j * (np.deg2rad(direction) - water["psi"].values))
+    ground = changed(water, u=water["u"].values + flow.real, v=water["v"].values + flow.imag)
+    shown = run != "quarter" and direction != 0.0
+    for trial, told in ((ground, shown), (water, False), (ground.assign_attrs(speeds="over ground"), False)):
+        check = checks_by_name(trial, tanker)["track closure"]
+        assert ("a current across, and u, v over ground" in check.sentence) == told
+        assert check.verdict == "doubtful" or not told
+
+
 def test_a_circle_of_two_rounds_in_a_current_is_that_of_its_ship(tanker, two_rounds):
     """Neither a course instead of a heading, nor the low speed of a long turn, is found in it."""
     assert alarms(checks_by_name(two_rounds, tanker)) <= {"track closure", "speed", "sampling"}

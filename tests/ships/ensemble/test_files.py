@@ -121,7 +121,17 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("path", "value"), WRONG, ids=str)
+IMPOSSIBLE = [
+    *((("terms", 0, "weight"), bad) for bad in (-1.0, 0.5, 2.0, np.nan, np.inf)),
+    *(((key, of, 0), bad) for key, of in (("index_error", "angle"), ("motion_error", "u")) for bad in (-0.1, np.nan)),
+    *((("facilities", "", key), -1.0) for key in ("rudder_rate_deg", "rudder_delay", "approach_speed")),
+    (("facilities", "", "rudder_delay"), np.nan),
+    (("facilities", "", "approach_speed"), np.inf),
+    (("held_out_indices", 0, "measured_sd"), -0.1),
+]
+
+
+@pytest.mark.parametrize(("path", "value"), [*WRONG, *IMPOSSIBLE], ids=str)
 def test_an_index_of_another_form_is_refused_with_the_key(path, value, tmp_path):
     at = Path(shutil.copytree(SAVED / f"format_{max(MIGRATIONS)}", tmp_path / "at"))
     index = node = json.loads((at / "model" / "ship.json").read_text(encoding="utf-8"))
@@ -138,8 +148,19 @@ def test_an_index_of_another_form_is_refused_with_the_key(path, value, tmp_path)
             write_index(at / "model", index)
         except (TypeError, KeyError, AttributeError):  # no files can be named
             (at / "model" / "ship.json").write_text(json.dumps(index), encoding="utf-8")
-    with refused(ps.VesselError, "ship.json" if path[0] == "terms" else path[0]):
+    outside = (path, value) in IMPOSSIBLE and path[-1] in ("measured_sd", "approach_speed")
+    with refused(ps.VesselError, "ship.json" if path[0] == "terms" else path[-1] if outside else path[0]):
         ps.load_ship(at)
+
+
+def test_the_weights_of_a_saved_ship_have_the_sum_1(ship, tmp_path):
+    """Also where a term set has no draws, which is left out; the others keep the ratio of their weights."""
+    weights = {one.name: 0.5 * one.weight for one in ship.members}
+    members = [replace(one, weight=weights[one.name]) for one in ship.members]
+    members.append(replace(members[0], name="none", draws=members[0].draws[:0], weight=0.5))
+    ps.save_ship(replace(ship, members=tuple(members)), tmp_path)
+    again = {one.name: one.weight for one in ps.load_ship(tmp_path).members}
+    assert again == pytest.approx({name: 2.0 * weight for name, weight in weights.items()})
 
 
 @pytest.mark.parametrize("ending", [".toml", ".nc"])

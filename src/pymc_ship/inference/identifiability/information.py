@@ -126,6 +126,8 @@ def runs_root(
     check_kind("noise", noise, Sequence, "give a list, one for each run", FitError)
     states = [run.initial_state[0] for run in prepared] if initial_states is None else initial_states
     check_kind("initial_states", states, Sequence, "give a list, one for each run", FitError)
+    for one in noise:
+        check_kind("Each of noise", one, Noise, "give those of a fit, or leave it out", FitError)
     reference = reference_coefficients(vessel)
     theta = reference if coefficients is None else real_array("Coefficients", coefficients, FitError)
     if not prepared or not len(noise) == len(states) == len(prepared) or theta.shape != reference.shape:
@@ -137,7 +139,13 @@ def runs_root(
     roots = []
     for k, run in enumerate(prepared):
         offsets = np.zeros(len(run.channels) if noise[k].offsets else 0)
-        rows = run_rows(vessel, run, noise[k], theta, np.concatenate([np.asarray(states[k], dtype=float), offsets]))
+        state = real_array(f"State {k + 1} of initial_states", states[k], FitError)
+        if state.shape != (run.n_states,):
+            raise FitError(
+                f"State {k + 1} of initial_states must have {run.n_states} numbers, found the shape {state.shape}; "
+                "give one for each state."
+            )
+        rows = run_rows(vessel, run, noise[k], theta, np.concatenate([state, offsets]))
         if rows is None:
             raise FitError(f"The simulation must stay in range, found it diverged in run {k + 1}; change coefficients.")
         design = np.vstack(list(rows[1]))

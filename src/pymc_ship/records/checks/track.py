@@ -12,12 +12,19 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.records.checks.kinematics import YAW_BLOCK
+from pymc_ship.records.checks.kinematics import SHORTEST_APPROACH, STRAIGHT_TURN, YAW_BLOCK
 from pymc_ship.records.checks.mistakes import COURSE, speed_units
-from pymc_ship.records.checks.verdicts import Check, integral, missing_channels_text, not_checked
+from pymc_ship.records.checks.verdicts import (
+    Check,
+    balance,
+    integral,
+    missing_channels_text,
+    not_checked,
+    straight_approach,
+)
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.records.steering.current import drift_current, ground_speed_text, roll_angle, turned_to_earth
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import has_ground_speeds, sampling_interval
 
 LEVER = 0.005  # lever arm over L from which it matters: error of v' per r'
 LONGEST_LEVER = 0.6  # lever arm over L that a point on board can have
@@ -25,6 +32,8 @@ SEEN_LEVER = 0.05  # lever arm over L that a record must be able to show; in a s
 BETTER = 3.0  # ratio of misfits from which velocities count as earth-fixed, or v as reversed in sign
 FASTEST_CURRENT = 0.3  # over the speed of the ship
 V_SCALE, V_UNIT = 0.25, 0.15  # error of a factor of v from which v is wrong; its logarithm, up to which it is a unit's
+ACROSS = 0.035  # sway at no yaw over U, as of a drift angle of 2 deg, from which it is that of a current
+_FEWEST_BLOCKS, _BOTH_SIDES = 20, 0.5  # blocks that show it; lesser over larger yaw rate to both sides
 NO_SWAY = 0.1  # factor of v up to which the track has none
 DRIFT_GOOD, DRIFT_BAD = (
     (0.05, 0.005),
@@ -231,6 +240,31 @@ def _drift_of_the_log(trial: xr.Dataset, least: float) -> str:
     return ground_speed_text(trial, current) if is_certain else ""
 
 
+def _current_across(trial: xr.Dataset, scale: ShipScale) -> str:
+    """Sentence on a sway without a turn: on a straight approach, or of a ship that turns to both sides; else empty.
+
+    v = a r + b r|r| + c dr/dt + d, over blocks; on the approach v = d.
+    """
+    if not {"u", "v", "r"} <= set(trial) or has_ground_speeds(trial):
+        return ""
+    n, interval, r = straight_approach(trial), sampling_interval(trial), trial["r"].values
+    blocks = ship_blocks(trial, scale, YAW_BLOCK)
+    v, yaw, rate = map(blocks.middles, (trial["v"].values, r, np.gradient(r, interval)))
+    if yaw.size >= _FEWEST_BLOCKS and balance(yaw, 0.02) >= _BOTH_SIDES:
+        columns = [yaw, yaw * np.abs(yaw), rate, np.ones_like(yaw)]
+    elif (n - 1) * interval >= SHORTEST_APPROACH * scale.time and abs(r[:n].mean()) * scale.time <= STRAIGHT_TURN:
+        columns, v = [np.ones(n)], trial["v"].values[:n]
+    else:
+        return ""
+    (*_, offset), (*_, error), _ = least_squares(columns, v)
+    if abs(offset) <= max(ACROSS * scale.U, SIGNIFICANT * error):
+        return ""
+    return (
+        f"u and v lead to the track, but v is {offset:+.2g} m/s where the ship does not turn: a current across, and u, "
+        'v over ground (state speeds = "over ground"), or wind. A current along the course the record does not show.'
+    )
+
+
 def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Drift of the integrated velocity from the track, with and without a current and a scale of the speed.
 
@@ -253,6 +287,8 @@ def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if drift > good and left > bad:
         return Check("track closure", "bad", f"{text}, {left:.3g} m unexplained; do not fit it.", numbers)
     if words := _drift_of_the_log(trial, good):
+        return Check("track closure", "doubtful", words, numbers)
+    if drift <= good and (words := _current_across(trial, scale)):
         return Check("track closure", "doubtful", words, numbers)
     if drift <= good:
         return Check("track closure", "good", f"{text} at most, over {distance:.0f} m.", numbers)

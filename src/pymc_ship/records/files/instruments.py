@@ -132,7 +132,7 @@ def simulate_readings(
 ) -> xr.Dataset:
     """Trial with noise, by names of :data:`INSTRUMENTS` or functions; TrialError for noise that cannot be used."""
     kinds: list[Any] = [noise]
-    if isinstance(noise, Iterable) and not isinstance(noise, str) and not callable(noise):
+    if isinstance(noise, Iterable) and not isinstance(noise, str | bytes | bytearray) and not callable(noise):
         kinds = list(noise)
     for kind in [kind for kind in kinds if not callable(kind)]:
         check_choice("An instrument", kind, INSTRUMENTS, TrialError)

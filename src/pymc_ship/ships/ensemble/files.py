@@ -51,6 +51,8 @@ _LATER = {"extrapolation_growth": _LAW, "harder_indices": [_ROW]}  # keys that o
 _LIKELIHOOD = ("motion", "design", "response", "prior_mean", "prior_scale")
 _FACTORS = ("inflation", "design_effect")
 _CHAINS = 4
+_WEIGHTS_LOST = 0.1  # of term sets without draws, whose weights older files do not have
+_ANEW = "run `pymc-ship identify` again"
 
 
 def save_ship(
@@ -89,6 +91,7 @@ def save_ship(
     out, run_list = as_path("out", out, OutputError), name_list("The names of runs", runs, VesselError)
     members = [one for one in ship.members if len(one.draws)]
     known = [(one, one.likelihood) for one in members if one.likelihood is not None]
+    total = sum(one.weight for one in members)
     if ship.motion is None or len(known) < len(members):
         raise VesselError(
             f"A ship is saved with the likelihood of its runs, found none of {ship.vessel.name!r}; save that of "
@@ -102,7 +105,9 @@ def save_ship(
             path.with_suffix(".toml").write_text(_vessel_text(member), encoding="utf-8")
             write_posterior(_tree(member, likelihood, ship, made_by), path.with_suffix(".nc"))
             density = likelihood.log_density.tolist()
-            terms.append({"name": member.name, "file": path.name, "weight": member.weight, "log_density": density})
+            terms.append(
+                {"name": member.name, "file": path.name, "weight": member.weight / total, "log_density": density}
+            )
         index = {
             "format": FORMAT,
             "terms": terms,
@@ -194,7 +199,26 @@ def _read_index(folder: Path) -> dict:
     other = [key for key, of in form.items() if key not in index or not _has_form(index[key], of)]
     if other or not index["terms"]:
         raise _other_format(folder, _INDEX, other or ["terms"])
+    _check_numbers(folder / _INDEX, index)
     return index
+
+
+def _check_numbers(path: Path, index: Mapping) -> None:
+    """Raise VesselError for a number of an index that no identification writes, by its key."""
+    weights = [entry["weight"] for entry in index["terms"]]
+    if not min(weights) >= 0.0 or not abs(sum(weights) - 1.0) <= _WEIGHTS_LOST:
+        found = ", ".join(f"{weight:.3g}" for weight in weights)
+        raise VesselError(f"{path}: the weights of terms are from 0 up with the sum 1, found {found}; {_ANEW}.")
+    sizes = {key: np.hstack([0.0, *index[key].values()]) for key in ("index_error", "motion_error")}
+    sizes["extrapolation_growth"] = np.hstack([0.0, index.get("extrapolation_growth", 0.0)])
+    gears = index["facilities"].values()
+    sizes["facilities"] = np.array([gear[key] for gear in gears for key in gear if key != "approach_speed"])
+    unknown = [row["measured_sd"] for key in ("held_out_indices", "harder_indices") for row in index.get(key, ())]
+    speeds = np.array([*unknown, *(gear["approach_speed"] for gear in gears)])  # NaN where it is unknown
+    sizes["measured_sd or approach_speed"] = speeds[~np.isnan(speeds)]
+    for key, values in sizes.items():
+        if wrong := values[~(values >= 0.0) | np.isinf(values)].tolist():
+            raise VesselError(f"{path}: the numbers of {key} are finite and from 0 up, found {wrong[0]:g}; {_ANEW}.")
 
 
 def _has_form(value: Any, form: Any) -> bool:
