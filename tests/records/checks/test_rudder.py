@@ -64,6 +64,15 @@ def test_a_rudder_that_holds_the_ship_straight_is_told_and_not_mended(container)
     assert checks["rudder zero"].value("on the approach") == pytest.approx(-0.8)
 
 
+@pytest.mark.parametrize("degrees", [-8.0, 2.0, 5.0])
+def test_a_zigzag_whose_sides_differ_is_doubted(zigzag, container, degrees):
+    """Without an approach, a zero error of any size: an indicator that reads 25 and -15 deg for 20/20."""
+    off = changed(zigzag, delta=zigzag["delta"].values + np.deg2rad(degrees))
+    check = checks_by_name(off.sel(time=slice(20.0, None)), container)["rudder zero"]
+    assert (check.verdict, check.mendable) == ("doubtful", False)
+    assert check.value("between the sides of the zigzag") == pytest.approx(degrees, abs=0.2)
+
+
 def test_an_approach_on_which_the_ship_turns_tells_no_zero(container):
     """Five degrees of rudder for 40 s are helm."""
     runs = (noisy(steered(container, first=first)).sel(time=slice(10.0, None)) for first in (5.0, 0.0))

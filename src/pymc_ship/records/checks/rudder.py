@@ -50,7 +50,6 @@ _PER_LENGTH = 60  # means in L/U
 _MEAN, _SHIFTS = 0.2, np.linspace(-0.4, 0.4, 41)  # L/U of the moving mean; tried shifts
 _ONSETS = np.linspace(-0.8, 0.8, 81)  # L/U; tried shifts of the first movement
 _LEAST_APPROACH = 0.4  # of the samples about the first execute
-_PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
 _SHORTEST_APPROACH = 1.0  # s
 _FEWEST_READINGS, _ON_THE_STEP = 5, 0.02  # different readings of a step; distance from a multiple of it, in steps
 _FIXED = 0.7  # of a manoeuvre, at one angle
@@ -148,8 +147,7 @@ def _zigzag_zero(trial: xr.Dataset) -> float:
     sizes = [side.size for side in sides]
     if sum(sizes) <= 0.5 * delta.size or min(sizes) <= 0.1 * delta.size:
         return np.nan
-    total = np.median(sides[0]) + np.median(sides[1])
-    return float(0.5 * total) if abs(total) <= 2.0 * _PLATEAUS_AGREE else np.nan
+    return float(0.5 * (np.median(sides[0]) + np.median(sides[1])))
 
 
 def rudder_step(delta: np.ndarray) -> float:
