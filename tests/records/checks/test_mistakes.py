@@ -32,6 +32,10 @@ def coded(trial):
 MISTAKES = {
     "r in deg/s": (scaled("r", 1.0 / DEGREE), "yaw rate", 'unit = "deg/s"'),
     "r in deg/min": (scaled("r", 60.0 / DEGREE), "yaw rate", 'unit = "deg/min"'),
+    "r in deg/s as deg/min": (scaled("r", 1.0 / 60.0), "yaw rate", "r is deg/s that was converted as deg/min"),
+    "r in deg/min as deg/s": (scaled("r", 60.0), "yaw rate", "r is deg/min that was converted as deg/s"),
+    "r in rad/s as deg/s": (scaled("r", DEGREE), "yaw rate", "r is rad/s that was converted as deg/s"),
+    "psi in rad as deg": (scaled("psi", DEGREE), "yaw rate", "psi is rad that was converted as deg"),
     "r reversed": (scaled("r", -1.0), "yaw rate", "sign = -1"),
     "r coded": (coded, "yaw rate", 'code = "ais"'),
     "r coded and reversed": (lambda trial: scaled("r", -1.0)(coded(trial)), "yaw rate", 'sign = -1 and code = "ais"'),

@@ -73,6 +73,13 @@ def test_a_zigzag_whose_sides_differ_is_doubted(zigzag, container, degrees):
     assert check.value("between the sides of the zigzag") == pytest.approx(degrees, abs=0.2)
 
 
+def test_a_turn_after_a_straight_approach_is_no_zigzag_of_another_zero(container):
+    """Its rudder scatters about 0, to both sides, and then keeps one angle."""
+    turn = ps.rudder_programme([0.0, 150.0, 155.0, 400.0], np.deg2rad([0.0, 0.0, 20.0, 20.0]))
+    check = checks_by_name(noisy(simulated(container, turn)), container)["rudder zero"]
+    assert (check.verdict, np.isnan(check.value("between the sides of the zigzag"))) == ("good", True)
+
+
 def test_an_approach_on_which_the_ship_turns_tells_no_zero(container):
     """Five degrees of rudder for 40 s are helm."""
     runs = (noisy(steered(container, first=first)).sel(time=slice(10.0, None)) for first in (5.0, 0.0))

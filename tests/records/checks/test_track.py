@@ -146,6 +146,21 @@ def test_velocities_over_ground_show_a_current_across_where_the_ship_does_not_tu
         assert check.verdict == "doubtful" or not told
 
 
+@pytest.mark.parametrize("degrees", [0.0, 8.0, -4.0])
+def test_a_misaligned_heading_beside_speeds_over_ground_is_named_in_a_zigzag(tanker, degrees):
+    """v is of the course less the heading, and leads to the track."""
+    run = noisy(ps.simulate(tanker, ps.zigzag(20.0, 20.0), duration=600, record_interval=1.0), level=0.005)
+    over = (run["u"].values + 1j * run["v"].values) * np.exp(-1j * np.deg2rad(degrees))
+    off = changed(run, u=over.real, v=over.imag, psi=run["psi"].values + np.deg2rad(degrees))
+    check = checks_by_name(off.assign_attrs(speeds="over ground"), tanker)["track closure"]
+    assert (check.verdict, "misaligned heading" in check.sentence) == (
+        ("doubtful", True) if degrees else ("good", False)
+    )
+    if degrees:
+        offset = float(check.sentence.split("offset = ")[1].split(" ")[0])
+        assert offset == pytest.approx(-degrees, abs=0.5)
+
+
 def test_a_circle_of_two_rounds_in_a_current_is_that_of_its_ship(tanker, two_rounds):
     """Neither a course instead of a heading, nor the low speed of a long turn, is found in it."""
     assert alarms(checks_by_name(two_rounds, tanker)) <= {"track closure", "speed", "sampling"}

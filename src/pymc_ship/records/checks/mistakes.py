@@ -66,6 +66,11 @@ def _wrong_unit(name: str, unit: str, factor: float) -> Mistake:
     return Mistake(name, f"{name} is in {unit}", partial(_scaled, names=name, factor=factor), f'unit = "{unit}"')
 
 
+def _twice(name: str, unit: str, converted: str, factor: float) -> Mistake:
+    words = f"{name} is {unit} that was converted as {converted}"
+    return Mistake(name, words, partial(_scaled, names=name, factor=factor), f'unit = "{unit}"')
+
+
 def _reversed(name: str, key: str = "sign = -1") -> Mistake:
     return Mistake(name, f"{name} has the opposite sign", partial(_scaled, names=name, factor=-1.0), key)
 
@@ -163,6 +168,10 @@ MISTAKES = (
     _wrong_unit("psi", "deg", _DEG),
     _wrong_unit("phi", "deg", _DEG),
     _wrong_unit("delta", "deg", _DEG),
+    _twice("r", "deg/s", "deg/min", 60.0),
+    _twice("r", "deg/min", "deg/s", 1.0 / 60.0),
+    _twice("r", "rad/s", "deg/s", 1.0 / _DEG),
+    _twice("psi", "rad", "deg", 1.0 / _DEG),
     *SIGNS,
     _reversed("p"),
     _reversed("psi", 'heading = "counterclockwise"'),

@@ -50,6 +50,7 @@ _PER_LENGTH = 60  # means in L/U
 _MEAN, _SHIFTS = 0.2, np.linspace(-0.4, 0.4, 41)  # L/U of the moving mean; tried shifts
 _ONSETS = np.linspace(-0.8, 0.8, 81)  # L/U; tried shifts of the first movement
 _LEAST_APPROACH = 0.4  # of the samples about the first execute
+_TO_BOTH_SIDES = 0.2  # least angle to one side over that to the other of a zigzag whose zero is off
 _SHORTEST_APPROACH = 1.0  # s
 _FEWEST_READINGS, _ON_THE_STEP = 5, 0.02  # different readings of a step; distance from a multiple of it, in steps
 _FIXED = 0.7  # of a manoeuvre, at one angle
@@ -140,7 +141,7 @@ def _zigzag_zero(trial: xr.Dataset) -> float:
     """Mean [deg] of the two rudder angles of a zigzag, NaN for another record."""
     delta = np.rad2deg(trial["delta"].values)
     low, high = np.quantile(delta, [0.02, 0.98])
-    if not low < 0.0 < high or high - low < 2.0:
+    if balance(delta, 0.02) < _TO_BOTH_SIDES or high - low < 2.0:
         return np.nan
     tolerance = 0.05 * (high - low)
     sides = [delta[np.abs(delta - end) < tolerance] for end in (low, high)]

@@ -240,28 +240,46 @@ def _drift_of_the_log(trial: xr.Dataset, least: float) -> str:
     return ground_speed_text(trial, current) if is_certain else ""
 
 
-def _current_across(trial: xr.Dataset, scale: ShipScale) -> str:
-    """Sentence on a sway without a turn: on a straight approach, or of a ship that turns to both sides; else empty.
+def _sway_at_no_yaw(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float]:
+    """Sway [m/s] without a turn and its standard error, infinite where the record does not show it.
 
-    v = a r + b r|r| + c dr/dt + d, over blocks; on the approach v = d.
+    v = a r + b r|r| + c dr/dt + d, over blocks, of a ship that turns to both sides; else v = d on a straight approach.
+    Speeds over ground have d in proportion to u, as by a heading that is off; their approach is another check's.
     """
-    if not {"u", "v", "r"} <= set(trial) or has_ground_speeds(trial):
-        return ""
-    n, interval, r = straight_approach(trial), sampling_interval(trial), trial["r"].values
+    n, interval, r, over_ground = (
+        straight_approach(trial),
+        sampling_interval(trial),
+        trial["r"],
+        has_ground_speeds(trial),
+    )
+    turns = abs(float(r[: max(n, 1)].mean())) * scale.time > STRAIGHT_TURN
     blocks = ship_blocks(trial, scale, YAW_BLOCK)
-    v, yaw, rate = map(blocks.middles, (trial["v"].values, r, np.gradient(r, interval)))
+    u, v, yaw = (blocks.middles(trial[name].values) for name in ("u", "v", "r"))
     if yaw.size >= _FEWEST_BLOCKS and balance(yaw, 0.02) >= _BOTH_SIDES:
-        columns = [yaw, yaw * np.abs(yaw), rate, np.ones_like(yaw)]
-    elif (n - 1) * interval >= SHORTEST_APPROACH * scale.time and abs(r[:n].mean()) * scale.time <= STRAIGHT_TURN:
-        columns, v = [np.ones(n)], trial["v"].values[:n]
+        rate = blocks.middles(np.gradient(r.values, interval))
+        columns = [yaw, yaw * np.abs(yaw), rate, u / np.median(u) if over_ground else np.ones_like(u)]
+    elif over_ground or turns or (n - 1) * interval < SHORTEST_APPROACH * scale.time:
+        return 0.0, np.inf
     else:
+        columns, v = [np.ones(n)], trial["v"].values[:n]
+    (*_, sway), (*_, error), _ = least_squares(columns, v)
+    return float(sway), float(error)
+
+
+def _current_across(trial: xr.Dataset, scale: ShipScale) -> str:
+    """Sentence on a sway without a turn, of velocities that lead to the track; empty without one."""
+    if not {"v", "r"} <= set(trial):
         return ""
-    (*_, offset), (*_, error), _ = least_squares(columns, v)
-    if abs(offset) <= max(ACROSS * scale.U, SIGNIFICANT * error):
+    sway, error = _sway_at_no_yaw(trial, scale)
+    if abs(sway) <= max(ACROSS * scale.U, SIGNIFICANT * error):
         return ""
+    if has_ground_speeds(trial):
+        off = float(np.rad2deg(np.arctan2(sway, np.median(trial["u"].values))))
+        text = f"v over ground is {sway:+.2g} m/s where the ship does not turn: a current across, wind, or a magnetic "
+        return f"{text}or misaligned heading; for that, state psi = {{ ..., offset = {off:.2g} }}."
     return (
-        f"u and v lead to the track, but v is {offset:+.2g} m/s where the ship does not turn: a current across, and u, "
-        'v over ground (state speeds = "over ground"), or wind. A current along the course the record does not show.'
+        f"u and v lead to the track, but v is {sway:+.2g} m/s where the ship does not turn: a current across, and u, v "
+        'over ground (state speeds = "over ground"), or wind. A current along the course the record does not show.'
     )
 
 
