@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -97,14 +98,20 @@ TESTED_BY = {
 """Rooms without a test of their name, and the test through which they are tested instead."""
 
 
-def tree(path):
-    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+@lru_cache(maxsize=1)
+def parsed(text):
+    """Nodes of a file, the file itself first; kept for the tests of one file, which run one after the other."""
+    return list(ast.walk(ast.parse(text)))
+
+
+def nodes(path):
+    return parsed(path.read_text(encoding="utf-8"))
 
 
 def imported(path):
     """Dotted names of everything a file imports, at any depth; a relative import counts from the package."""
     names = set()
-    for node in ast.walk(tree(path)):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -164,18 +171,18 @@ def faults_of_a_face(path):
     text = path.read_text(encoding="utf-8")
     faults = ["long"] if text.count("\n") >= 40 else []
     faults += ["imports"] if imported(path) else []
-    return faults + ([] if ast.get_docstring(tree(path)) else ["silent"])
+    return faults + ([] if ast.get_docstring(nodes(path)[0]) else ["silent"])
 
 
 def faults_of_a_file(path):
     """A file has at most 600 lines, of one subject; one of the package has a docstring."""
     faults = ["long"] if path.read_text(encoding="utf-8").count("\n") > 600 else []
-    return faults + ([] if ast.get_docstring(tree(path)) or path.name.startswith("test_") else ["silent"])
+    return faults + ([] if ast.get_docstring(nodes(path)[0]) or path.name.startswith("test_") else ["silent"])
 
 
 def printed(path):
     """Lines of a file that call ``print``."""
-    calls = [node for node in ast.walk(tree(path)) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
+    calls = [node for node in nodes(path) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
     return [node.lineno for node in calls if node.func.id == "print"]
 
 
@@ -191,19 +198,19 @@ def private(path):
 
 def crowded(path):
     """Lines of a file with a call of more than six positional arguments, or five or more names unpacked by position."""
-    nodes = list(ast.walk(tree(path)))
-    lines = [node.lineno for node in nodes if isinstance(node, ast.Call) and len(node.args) > 6]
-    targets = [target for node in nodes if isinstance(node, ast.Assign) for target in node.targets]
-    targets += [node.target for node in nodes if isinstance(node, ast.For | ast.comprehension)]
+    lines = [node.lineno for node in nodes(path) if isinstance(node, ast.Call) and len(node.args) > 6]
+    targets = [target for node in nodes(path) if isinstance(node, ast.Assign) for target in node.targets]
+    targets += [node.target for node in nodes(path) if isinstance(node, ast.For | ast.comprehension)]
     parts = [part for target in targets for part in ast.walk(target) if isinstance(part, ast.Tuple)]
     return sorted(lines + [part.lineno for part in parts if len(part.elts) > 4])
 
 
 def wordings(path):
     """Lines of a test file that check the words of an error, or 0 for a table of them under another name."""
-    calls = [node for node in ast.walk(tree(path)) if isinstance(node, ast.Call) and node.keywords]
-    calls = [node for node in calls if ast.unparse(node.func) in ("pytest.raises", "pytest.warns", "raises")]
-    found = sorted(node.lineno for node in calls if any(keyword.arg == "match" for keyword in node.keywords))
+    calls = [node for node in nodes(path) if isinstance(node, ast.Call)]
+    calls = [node for node in calls if any(keyword.arg == "match" for keyword in node.keywords)]
+    names = ("pytest.raises", "pytest.warns", "raises")
+    found = sorted(node.lineno for node in calls if ast.unparse(node.func) in names)
     return found + ([0] if "tests.sentences.wording" in imported(path) and path.name != "test_wording.py" else [])
 
 
@@ -227,7 +234,7 @@ def test_the_folders_are_the_districts_and_their_wings():
     assert {path.name for path in PACKAGE.glob("*.py")} == {"__init__.py", "__main__.py"}
 
 
-@pytest.mark.parametrize("path", ROOMS, ids=label)
+@pytest.mark.parametrize("path", ROOMS, ids=label, scope="module")
 def test_a_room_imports_only_wings_before_its_own(path):
     assert violations(wing(path), path) == []
     assert private(path) == []
@@ -291,7 +298,7 @@ def test_the_check_of_faces_can_fail(tmp_path):
 # files ----------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", [*ROOMS, *sorted(TESTS.rglob("*.py"))], ids=label)
+@pytest.mark.parametrize("path", [*ROOMS, *sorted(TESTS.rglob("*.py"))], ids=label, scope="module")
 def test_a_file_has_at_most_600_lines_and_a_docstring(path):
     assert faults_of_a_file(path) == []
 
@@ -301,7 +308,7 @@ def test_the_check_of_files_can_fail(tmp_path):
     assert faults_of_a_file(written(tmp_path, "x = 1\n" * 601)) == ["long", "silent"]
 
 
-@pytest.mark.parametrize("path", ROOMS, ids=label)
+@pytest.mark.parametrize("path", ROOMS, ids=label, scope="module")
 def test_no_line_of_a_file_counts_many_things_by_position(path):
     assert crowded(path) == []
 
@@ -315,12 +322,12 @@ def test_the_check_of_positions_can_fail(tmp_path):
     assert crowded(path) == [2, 4, 5, 7]
 
 
-@pytest.mark.parametrize("path", ROOMS, ids=label)
+@pytest.mark.parametrize("path", ROOMS, ids=label, scope="module")
 def test_only_the_command_line_prints(path):
     assert printed(path) == [] or wing(path) == "cli"
 
 
-@pytest.mark.parametrize("path", ROOMS, ids=label)
+@pytest.mark.parametrize("path", ROOMS, ids=label, scope="module")
 def test_only_the_samplers_import_pymc(path):
     assert samplers(path) == [] or wing(path) == "inference.sampling"
 
@@ -333,7 +340,7 @@ def test_the_checks_of_prints_and_samplers_can_fail(tmp_path):
     assert samplers(path) == ["pymc", "pytensor"]
 
 
-@pytest.mark.parametrize("path", sorted(TESTS.rglob("test_*.py")), ids=label)
+@pytest.mark.parametrize("path", sorted(TESTS.rglob("test_*.py")), ids=label, scope="module")
 def test_the_words_of_an_error_are_checked_in_the_table_of_its_wing_alone(path):
     """Else no word can be mended: elsewhere a test checks the class and, with ``refused``, numbers and names."""
     assert wordings(path) == []
