@@ -216,11 +216,9 @@ def corrected_by(trial: xr.Dataset, channels: Iterable[str], number: int) -> dic
     usual = [
         one for one in MISTAKES if set(one.channels.split()) <= set(trial) and set(one.channels.split()) & set(channels)
     ]
-    mended = {}
-    for chosen in combinations(usual, number):
-        mended[chosen] = trial
-        for one in chosen:
-            mended[chosen] = one.mend(mended[chosen])
+    mended: dict[tuple[Mistake, ...], xr.Dataset] = {(): trial}
+    for size in range(1, number + 1):
+        mended = {chosen: chosen[-1].mend(mended[chosen[:-1]]) for chosen in combinations(usual, size)}
     return mended
 
 

@@ -196,11 +196,11 @@ def _nominal(fastest: float, nominal: float) -> str:
 
 def _explanation(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None, motion: _Motion) -> str:
     """Sentence on the mistake, or pair, that explains the quantities best and leads to a track of the record."""
-    channels = ("u", "v", "r", "phi")
+    channels, most = ("u", "v", "r", "phi"), max(EXPLAINED, track_misfit(trial, scale) / BETTER)
     for number in (1, 2):
         mended = _corrected_vessel_files(motion) if number == 1 else {}
         for chosen, changed in corrected_by(trial, channels, number).items():
-            if track_misfit(changed, scale) < max(EXPLAINED, track_misfit(trial, scale) / BETTER):
+            if track_misfit(changed, scale) < most:
                 mended[" and ".join(one.words for one in chosen)] = _motion(changed, scale, vessel)[0]
         quantities = {mistake: _quantities(changed) for mistake, changed in mended.items()}
         plausible = {mistake: values for mistake, values in quantities.items() if not _faults(values)}
