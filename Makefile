@@ -6,6 +6,9 @@ BENCH  := $(VENV)/.bench
 # One file at a time on each core; linear algebra on a second thread would take the core of another test.
 SIDE_BY_SIDE := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -n auto --dist loadfile
 
+# Every worker and every command of a test imports the same modules: one of them compiles, the others read.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: study frontier foreign test test-fast consistency lint bench docs clean
 
 study: $(STAMP)  ## the paper's study on the container ship -> reports/study/index.html
