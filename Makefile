@@ -3,8 +3,10 @@ VENV   := .venv
 PYTHON := $(VENV)/bin/python
 STAMP  := $(VENV)/.installed
 BENCH  := $(VENV)/.bench
-# One file at a time on each core; linear algebra on a second thread would take the core of another test.
+# One file at a time on each core, in the order of the folders, which ends with short files; linear algebra on a second
+# thread would take the core of another test.
 SIDE_BY_SIDE := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -n auto --dist loadfile
+SIDE_BY_SIDE += --no-loadscope-reorder
 
 # Every worker and every command of a test imports the same modules: one of them compiles, the others read.
 unexport PYTHONDONTWRITEBYTECODE
