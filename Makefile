@@ -11,7 +11,7 @@ SIDE_BY_SIDE += --no-loadscope-reorder
 # Every worker and every command of a test imports the same modules: one of them compiles, the others read.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: study frontier foreign test test-fast consistency lint bench docs clean
+.PHONY: study frontier foreign test test-fast consistency lint kernels bench docs clean
 
 study: $(STAMP)  ## the paper's study on the container ship -> reports/study/index.html
 	$(VENV)/bin/pymc-ship study --out reports/study
@@ -22,7 +22,8 @@ frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> re
 foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour and more -> reports/foreign/foreign.md
 	$(PYTHON) -m studies.foreign.run
 
-test: $(STAMP) lint  ## every test, a file at a time on each core
+test: $(STAMP)  ## lint, then every test, a file at a time on each core
+	$(MAKE) --jobs 2 lint kernels
 	$(SIDE_BY_SIDE)
 
 test-fast: $(STAMP)  ## without the slow tests, under seven minutes on two cores
@@ -35,6 +36,12 @@ lint: $(STAMP)  ## style and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+
+kernels: $(STAMP)  ## compile the kernels of the commands, once for all
+	folder=$$(mktemp -d) && cd $$folder && \
+	$(CURDIR)/$(VENV)/bin/pymc-ship simulate container --zigzag 20/20 --duration 100 --noise 0.01 --quiet --out trial.csv && \
+	$(CURDIR)/$(VENV)/bin/pymc-ship fit trial.csv --vessel container --quiet --out fitted && \
+	rm -r $$folder
 
 docs: $(STAMP)  ## the pages of docs/ with the docstrings -> docs/_build/index.html
 	$(PYTHON) docs/make_reference.py
