@@ -57,8 +57,7 @@ from pymc_ship.trial.record import nonzero_channels, sampling_interval
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 _ROW_INTERVAL = 1.0  # s, of Xue et al. (2020)
 _STEP_ERROR = 0.02  # of the range of heading, that half the step of a simulation may change
-OFFSETS = {"auto": None, "yes": True, "no": False}
-"""Argument ``offsets`` by the choices of ``--offsets``."""
+OFFSETS = {"auto": None, "yes": True, "no": False}  # argument ``offsets`` by the choices of ``--offsets``
 
 
 def study(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -129,7 +128,6 @@ def _fit_arguments(
 
 
 def _unmodelled_roll(trial: xr.Dataset, vessel: Vessel) -> str:
-    """Sentence on recorded roll that the vessel does not model; empty without it."""
     return "" if "roll" in vessel.dofs else unmodelled_roll_text(nonzero_channels(trial))
 
 

@@ -26,8 +26,7 @@ from pymc_ship.machine.memory import address_space
 if TYPE_CHECKING:
     from pymc_ship.cli.files import Outcome
 
-_ADDRESS_SPACE = 4_000_000_000
-"""Smallest address space [bytes] in which the numerical libraries do not abort."""
+_ADDRESS_SPACE = 4_000_000_000  # smallest address space [bytes] in which the numerical libraries do not abort
 
 _MODULES = {"check": "check"} | dict.fromkeys(
     ("identify", "forecast", "score", "trial-report", "design"), "ship_commands"
@@ -99,7 +98,6 @@ def run_command(parser: ArgumentParser, command: Callable[..., Outcome], argv: S
 
 
 def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:
-    """Run the function of a command."""
     from pymc_ship.cli.files import check_joined, check_replaced
 
     check_joined(args)
@@ -116,7 +114,6 @@ def _replace_unencodable() -> None:
 
 
 def _check_address_space() -> None:
-    """Raise OSError if the limit of the address space could abort a library during the run."""
     limit = address_space()
     if limit < _ADDRESS_SPACE:
         raise OSError(
@@ -126,13 +123,11 @@ def _check_address_space() -> None:
 
 
 def _library_error(error: Exception) -> int:
-    """Print that a library cannot be loaded; return the exit status."""
     reason = str(error).removesuffix(".")
     return _fail(f"A library cannot be loaded, for lack of memory or a broken installation: {reason}; reinstall it.", 2)
 
 
 def _fail(text: str, status: int) -> int:
-    """Print an error as one line; return the exit status."""
     print(error_line(text), file=sys.stderr)
     return status
 

@@ -17,8 +17,7 @@ from pymc_ship.machine.names import did_you_mean
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.trial.channels import default_channels
 
-FAMILIES = ("conjugate", "semiconjugate")
-"""Prior families."""
+FAMILIES = ("conjugate", "semiconjugate")  # prior families
 
 SELECTIONS = ("evidence", "bayesian_optimisation")
 SIDES = ("port", "starboard")
@@ -34,8 +33,7 @@ SHIP_PRIORS = ("hull_database", "order_damped", "sister_ship")
 NOISE_MODELS = ("auto", "white", "ar1", "student_t")
 
 
-LONGEST = 600
-"""Largest number of characters of an error line."""
+LONGEST = 600  # largest number of characters of an error line
 
 _END = 200  # of them, the last part of a long text
 
@@ -114,7 +112,6 @@ def _simulate(command: Parser) -> None:
 
 
 def _add_manoeuvres(command: argparse._ActionsContainer, text: str, **settings: Any) -> None:
-    """Option of each kind of manoeuvre that has one."""
     for kind in KINDS.values():
         if kind.option:
             settings |= {"type": angles(kind), "metavar": kind.metavar, "help": text.format(kind)}
@@ -139,7 +136,6 @@ def _denoise(command: Parser) -> None:
 
 
 def _add_trial(command: Parser, name: str = "trial", **settings: Any) -> None:
-    """Trial files and their format file."""
     channels = "time [s], u v [m/s], r p [rad/s], phi psi delta [rad]"
     command.add(name, f"text file or .gz with {channels}", metavar="TRIAL", **settings)
     _add_format(command)
@@ -151,13 +147,11 @@ def _add_format(command: Parser) -> None:
 
 
 def _add_overrule(command: Parser) -> None:
-    """Option of the commands that fit or score trials."""
     text = "use a TRIAL with this bad check, such as `rudder sign`; repeatable (none)"
     command.add("--overrule", text, [], action="append", metavar="CHECK")
 
 
 def _add_regression(command: Parser) -> None:
-    """Options of regression data."""
     _add_trial(command)
     _add_overrule(command)
     command.add("--vessel", "shipped vessel or TOML file: particulars and terms", required=True)
@@ -224,7 +218,6 @@ def _tune(command: Parser) -> None:
 
 
 def _add_ship(command: Parser) -> None:
-    """Options of the ship: an identified one, or that of a posterior."""
     text = "folder that `identify` or `regress` wrote, or a joint posterior, .nc or .zarr"
     command.add("posterior", text, metavar="POSTERIOR")
     command.add("--vessel", "shipped vessel or TOML file, needed for a posterior (the identified vessel)")

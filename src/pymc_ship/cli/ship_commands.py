@@ -96,7 +96,6 @@ def _names(paths: Sequence[str]) -> list[str]:
 
 
 def _check_facilities(args: argparse.Namespace) -> None:
-    """Raise TrialError for a facility without runs or without a name in its format file."""
     for layout, *paths in args.facility:
         if not paths:
             raise ps.TrialError(
@@ -166,7 +165,6 @@ def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | di
 
 
 def _posterior(folder: Path, dof: str, family: str, vessel: Vessel) -> xr.DataTree:
-    """Posterior of one DOF that `regress` wrote."""
     path = folder / f"{dof}-{family}.nc"
     tree = read_posterior(path)
     if tree.attrs.get("dof") != dof:

@@ -215,7 +215,6 @@ def score_text(scores: xr.Dataset) -> str:
 
 
 def _unit(channel: str) -> str:
-    """SI unit of a channel, or of the position."""
     return CHANNELS[channel].unit.name if channel in CHANNELS else "m"
 
 

@@ -249,7 +249,6 @@ def comparisons(trees: Mapping[str, xr.DataTree]) -> list[Comparison]:
 
 
 def _same_posterior(exact: xr.DataTree, other: xr.DataTree) -> bool:
-    """Whether two trees have the same data, prior and coefficients, and normal errors."""
     if errors_of(other) != "normal" or missing(exact, *DESIGN) or missing(other, *DESIGN):
         return False
     labels = all(exact.attrs[key] == other.attrs[key] for key in ("vessel", "dof", "prior", "scaling"))

@@ -131,7 +131,6 @@ def diagnostic_content(
 
 
 def _overview(compared: Sequence[Comparison]) -> Table:
-    """One row for each posterior: convergence, agreement, and what determines its coefficients."""
     rows = []
     for one in compared:
         contraction = posterior_kind(one.posterior).contraction(one.posterior)

@@ -34,7 +34,6 @@ _PRIME = "Prime values times 1e5 (σ² times 1e10)"
 
 
 def _verdict(one: Comparison) -> list[str]:
-    """Sentences at the head: convergence, agreement, contraction and whiteness of the residuals."""
     lines = [subsections.convergence_sentence(one)]
     if one.agreement is not None:
         lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
@@ -66,7 +65,6 @@ def _white(tree: xr.DataTree) -> str:
 
 
 def _origin(one: Comparison) -> str:
-    """What was estimated, how the draws were made, and under which prior."""
     tree = one.posterior
     prior, sizes = json.loads(tree.attrs["prior"]), tree["posterior"].sizes
     hyperparameters = ", ".join(f"{key} {_plain(value)}" for key, value in prior.items() if key != "family")
@@ -89,7 +87,6 @@ def _plain(value: float | list) -> str:
 
 
 def _subsections(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Subsection]:
-    """Every subsection, in order."""
     tree, chains = one.posterior, one.trees[one.sampler]
     return [
         _convergence(one),
@@ -163,17 +160,14 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Subsection:
 
 
 def _of_coefficients(tree: xr.DataTree, summary: xr.Dataset) -> xr.Dataset:
-    """Rows of a summary that are of the coefficients."""
     return summary.isel(quantity=slice(tree["posterior"].sizes["coefficient"]))
 
 
 def _known_contraction(tree: xr.DataTree) -> xr.Dataset | None:
-    """Contraction of the coefficients; None where the tree lacks what it needs."""
     return None if statistics.missing(tree, *regression.required_variables(tree)) else regression.contraction(tree)
 
 
 def _contraction(tree: xr.DataTree) -> str:
-    """Meaning of the contraction and of the labels of determination."""
     prior = "the conjugate prior at the posterior mean of σ²"
     if regression.prior_of(tree) is None:
         prior = f"a normal prior with the same central {_CI}"
@@ -323,7 +317,6 @@ def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> 
 
 
 def _coefficient_names(vessel: Vessel, tree: xr.DataTree) -> list[str]:
-    """Coefficients of the degree of freedom that a posterior is of."""
     return [str(value) for value in vessel.coefficients(tree.attrs["dof"])["coefficient"].values]
 
 

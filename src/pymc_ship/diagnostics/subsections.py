@@ -226,7 +226,6 @@ def ships_subsection(
 
 
 def _band_cells(one: dict[str, dict]) -> dict:
-    """Band of an index under prior and posterior as the cells of one row."""
     n = number(3)
     cells: dict[str, Any] = {}
     for of, row in one.items():

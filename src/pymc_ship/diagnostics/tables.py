@@ -115,7 +115,6 @@ def chain_table(summary: xr.Dataset, *, errors: bool = True) -> Table:
 
 
 def _label_and_scale(quantity: str) -> tuple[str, float]:
-    """Label of a quantity in a table, and the factor on its prime value."""
     return ("σ²", 1e10) if quantity == "noise_variance" else (quantity, 1e5)
 
 

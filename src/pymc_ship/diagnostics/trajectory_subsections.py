@@ -43,7 +43,6 @@ _n = number(3)
 
 
 def _verdict(one: Comparison) -> list[str]:
-    """Sentences at the head: convergence, contraction, noise, residuals, starts and divergences."""
     tree = one.posterior
     lines = [subsections.convergence_sentence(one)]
     if tree.attrs["method"] == "trajectory":
@@ -98,7 +97,6 @@ def _divergence_text(tree: xr.DataTree) -> str:
 
 
 def _origin(one: Comparison) -> str:
-    """What was estimated, how the draws were made, and under which prior and noise."""
     tree = one.posterior
     prior, sizes, attrs = json.loads(tree.attrs["prior"]), tree["posterior"].sizes, tree.attrs
     laplace = attrs["method"] == "trajectory"
@@ -113,7 +111,6 @@ def _origin(one: Comparison) -> str:
 
 
 def _subsections(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Subsection]:
-    """Every subsection, in order."""
     tree = one.posterior
     sampled = [_chains(tree), subsections.energy_subsection(tree)] if tree.attrs["method"] != "trajectory" else []
     return [
@@ -303,7 +300,6 @@ def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> 
 
 
 def _coefficient_names(vessel: Vessel, _: xr.DataTree) -> list[str]:
-    """Coefficients of all degrees of freedom."""
     return coefficient_names(vessel)
 
 

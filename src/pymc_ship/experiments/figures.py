@@ -14,8 +14,7 @@ from pymc_ship.pages.drawing import REFERENCE, house_style, subplots
 COLOURS = ("#7d4fa3", "#c8551b", "#3a8f4d", "#1f6fb2", "#7fb3dd", "#a8892c", "#8c564b", "#6b7680")
 """One for each method, in the order of the study."""
 
-MARKERS = "Dv^osP<>"
-"""One for each method, too."""
+MARKERS = "Dv^osP<>"  # one for each method, too
 
 _LABELS = {
     "median_error": "median |coefficient error| [%]",

@@ -26,8 +26,7 @@ from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.noise import NOISES, RECORD_STEP
 
-PART_SEEDS = 1000
-"""Seeds of a cell whose results share a file."""
+PART_SEEDS = 1000  # seeds of a cell whose results share a file
 
 _KEYS = ("title", "ships", "manoeuvres", "methods", "seeds", "root_seed", "duration", "noise")
 _OPTIONAL = ("title", "duration")

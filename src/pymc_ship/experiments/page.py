@@ -36,8 +36,7 @@ from pymc_ship.pages.tables import Columns, Table, fixed_point, heads, number, t
 PAGE = Page("index.html", Path(__file__).with_name("page.html.j2"), digits=6, tables=".")
 """The page of a study, in one folder with ``cells.csv``."""
 
-MOST_FIGURES, MOST_ROWS = 12, 400
-"""Figures and rows of cells that the page shows; ``cells.csv`` has all."""
+MOST_FIGURES, MOST_ROWS = 12, 400  # figures and rows of cells that the page shows; ``cells.csv`` has all
 
 _SHARED = ("ship", "manoeuvre", "noise")
 
@@ -57,7 +56,6 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
 
 
 def _cells(written: Iterator[tuple[Cell, pa.Table]], costs: Costs) -> Iterator[dict]:
-    """Row of each cell from its parts; adds their costs."""
     for cell, parts in groupby(written, key=lambda item: item[0]):
         mine = []
         for _, rows in parts:

@@ -19,8 +19,7 @@ from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, progress_bar, run_tasks
 
-REHEARSED = 200
-"""Number of empty tasks with which a run begins, to measure what the keeping of a result costs."""
+REHEARSED = 200  # number of empty tasks with which a run begins, to measure what the keeping of a result costs
 
 _SHOWN_EVERY = 1.0
 
@@ -118,7 +117,6 @@ def read_study(study: str | Path | Mapping, methods: Mapping[str, Method] | None
 
 
 def _kind(entry: Entry) -> type[StudyKind]:
-    """Kind of study: a class, or the import path of one."""
     kind = entry.value
     if isinstance(kind, str) and import_path(kind):
         kind = import_function(kind, f"{entry.file}: {entry.key}")
@@ -130,7 +128,6 @@ def _kind(entry: Entry) -> type[StudyKind]:
 def _complete_tasks(
     store: Store, executor: LocalCores | Cluster, work: Callable[[Any], dict], progress: Callable[[str], None]
 ) -> None:
-    """Do all missing tasks; restart with new workers where some died."""
     session, start = {"session": time.time_ns(), "executor": executor.label}, time.perf_counter()
     bar = _Progress(store.study.n_tasks, progress)
 
@@ -206,7 +203,6 @@ class _Progress:
 
 
 def _duration(seconds: float) -> str:
-    """Time in words: s up to 2 min, min up to 2 h, then h."""
     if seconds < 120.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"

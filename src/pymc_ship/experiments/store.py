@@ -95,7 +95,6 @@ class Store:
                 yield cell, rows
 
     def _done(self, part: str, size: int) -> set[int] | range:
-        """Seeds that have their results."""
         path, journal = self._parquet(part), self._journal(part)
         if path.exists():
             with _whole(path):
@@ -107,7 +106,6 @@ class Store:
         return done | {row["seed"] for row in self._lines(journal)}
 
     def _seal(self, part: str) -> None:
-        """Turn a journal into the Parquet file of its part."""
         path, journal = self._parquet(part), self._journal(part)
         if not journal.exists():
             return
@@ -212,7 +210,6 @@ def _checksum(table: pa.Table, part: str) -> bytes:
 
 @contextmanager
 def _whole(path: Path) -> Iterator[None]:
-    """Say where a part cannot be read."""
     try:
         yield
     except (ValueError, KeyError, TypeError, OSError, pa.ArrowException) as error:

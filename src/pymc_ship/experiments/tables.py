@@ -21,11 +21,9 @@ STATISTIC = {
 }
 """What is made of a score over the seeds."""
 
-BEYOND = 1_000_000
-"""Tasks of the study that is planned."""
+BEYOND = 1_000_000  # tasks of the study that is planned
 
-CORES = (64, 1024)
-"""Numbers of cores of the plan, in addition to those of the run."""
+CORES = (64, 1024)  # numbers of cores of the plan, in addition to those of the run
 
 
 def cell_row(cell: Cell, rows: Mapping[str, np.ndarray]) -> dict:

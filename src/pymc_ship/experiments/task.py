@@ -38,15 +38,13 @@ from pymc_ship.replication.estimates import (
 SCORES = ("median_error", "coverage", "coverage_half", "tactical_diameter_error")
 """What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""
 
-STAGES = ("simulate", "pollute", "fit", "score")
-"""Stages of a task, which are timed [s]."""
+STAGES = ("simulate", "pollute", "fit", "score")  # stages of a task, which are timed [s]
 
 STATUSES = ("ok", "diverged", "failed")
 """How a task ends. `ok`: fitted and scored. `diverged`: fitted, but the fitted ship leaves the model's range in the
 turn. `failed`: no coefficients."""
 
-TURN, TURN_DURATION = turning_circle(35), 22.0
-"""Manoeuvre whose tactical diameter is forecast, and its duration [L/U]."""
+TURN, TURN_DURATION = turning_circle(35), 22.0  # manoeuvre whose tactical diameter is forecast, and its duration [L/U]
 
 
 def _differences(noisy: xr.Dataset, vessel: Vessel, derivative: str, interval: float | None) -> Estimate:
@@ -149,7 +147,6 @@ def empty_result(task: Task) -> dict:
 
 
 def _fit_and_score(task: Task, seconds: dict[str, float], scores: dict[str, float]) -> tuple[str, str]:
-    """Fill in seconds and scores; return status and sentence."""
     with stopwatch(seconds, "simulate"):
         clean = simulate(task.vessel, task.manoeuvre, duration=task.duration)
         if clean["diverged"]:
@@ -171,7 +168,6 @@ def _fit_and_score(task: Task, seconds: dict[str, float], scores: dict[str, floa
 
 
 def _check_estimate(task: Task, estimate: object) -> None:
-    """Raise a StudyError unless a method returned coefficients and interval ends of the right shape."""
     size = reference_coefficients(task.vessel).size
     returned = f"a {type(estimate).__name__}"
     if isinstance(estimate, Estimate):

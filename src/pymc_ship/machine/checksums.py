@@ -40,7 +40,6 @@ def folder_checksum(folder: str | Path, names: Iterable[str | Path], index: Mapp
 
 
 def _digest(path: Path, size: int) -> bytes:
-    """SHA-256 of the first ``size`` bytes of a file."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(min(_BLOCK, size)):

@@ -124,7 +124,6 @@ def settle(folder: str | Path) -> None:
 
 @contextmanager
 def _output_errors(path: Path) -> Iterator[None]:
-    """Raise an OSError of the block as an OutputError that names the path."""
     try:
         yield
     except BrokenPipeError:  # of the standard output
@@ -237,7 +236,6 @@ def _deliver(box: Path, last: str = "") -> None:
 
 
 def _swap(box: Path, path: Path) -> None:
-    """Replace an earlier folder by the new one."""
     new, before = box / _NEW / path.name, box / _BEFORE
     if not new.is_dir():
         os.replace(new, path)
@@ -252,7 +250,6 @@ def _swap(box: Path, path: Path) -> None:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Files below a folder, as relative paths."""
     return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
 
 

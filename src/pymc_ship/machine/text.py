@@ -12,8 +12,7 @@ from pathlib import Path
 MOST_BYTES = 2**27
 """Largest size of a text, decompressed: a day of 20 channels at 10 Hz. It bounds the memory of a reader to 2 GB."""
 
-LONGEST_LINE = 2**20
-"""Bytes in which the first line of a text ends."""
+LONGEST_LINE = 2**20  # bytes in which the first line of a text ends
 
 SPECIAL_FILES = {
     stat.S_IFCHR: "a device",
@@ -48,7 +47,6 @@ def file_text(path: str | Path) -> str:
 
 
 def _text_bytes(file: io.BufferedReader) -> bytes:
-    """Bytes of a text, decompressed; TextError for one that is too long."""
     packed = file.peek(2)[:2] == b"\x1f\x8b"
     stream = gzip.GzipFile(fileobj=file) if packed else file
     raw = stream.read(LONGEST_LINE + 1)

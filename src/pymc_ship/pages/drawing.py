@@ -35,8 +35,7 @@ METHOD_COLOURS = ("#7fb2dd", BLUE, "#3a8f4d", RUST, "#7d4fa3")
 BESIDE_DPI, EMBEDDED_DPI = 110, 120  # of PNG files, and of PNG images inside a page [dots per inch]
 
 
-house_style = matplotlib.rc_context(STYLE)
-"""Decorator of the functions that draw."""
+house_style = matplotlib.rc_context(STYLE)  # decorator of the functions that draw
 
 
 def subplots(

@@ -103,7 +103,6 @@ def render_page(page: Page, content: Content) -> str:
 
 
 def _files(page: Page, content: Content, text: str) -> dict[str, Callable[[Path], object]]:
-    """Writers of every file of a page, by path in the folder."""
     writers: dict[str, Callable[[Path], object]] = {}
     for name, figure in content.figures.items():
         if isinstance(figure, Figure):

@@ -12,8 +12,7 @@ from pymc_ship.replication.measurements import BOUND, fit_name
 from pymc_ship.replication.study import MANOEUVRES, TRAJECTORY_PRIORS, StudyResult
 from pymc_ship.replication.tables import ERROR_COUNTS
 
-BELOW_ON_BOUND = 68
-"""Share [%] of normal errors within one standard deviation."""
+BELOW_ON_BOUND = 68  # share [%] of normal errors within one standard deviation
 
 _n = number(2)
 _TRAJECTORY, _PAPER = "trajectory fit", "paper's pipeline"
@@ -49,7 +48,6 @@ def _published_in_short(result: StudyResult) -> list[str]:
 
 
 def _below_bound(result: StudyResult) -> tuple[int, int]:
-    """Number of published errors below the bound, and of all of them."""
     rows = result.tables["published_bound"]
     return sum(row["below"] for row in rows), sum(row["errors"] for row in rows)
 

@@ -14,11 +14,9 @@ from pymc_ship.replication.estimates import regression_estimate
 from pymc_ship.replication.scores import error_summary, relative_error
 from pymc_ship.trial.channels import default_channels
 
-N_DRAWS = 20
-"""Draws of the denoised record used in the regression: Rubin's rule then adds 1/20 for their number."""
+N_DRAWS = 20  # draws of the denoised record used in the regression: Rubin's rule then adds 1/20 for their number
 
-DERIVATIVES = ("euler", "savgol")
-"""Derivatives compared: the paper's forward difference, and Savitzky-Golay."""
+DERIVATIVES = ("euler", "savgol")  # derivatives compared: the paper's forward difference, and Savitzky-Golay
 
 
 def denoiser_rows(trial: xr.Dataset, noisy: xr.Dataset, vessel: Vessel, *, interval: float) -> list[dict]:
@@ -90,7 +88,6 @@ def draw_rows(
 
 
 def _scores(reference: np.ndarray, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> dict[str, float]:
-    """Median error [%] and percentage of references inside the intervals."""
     inside = (lower <= reference) & (reference <= upper)
     return {
         "median": error_summary(relative_error(mean, reference))["median"],

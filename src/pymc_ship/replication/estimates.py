@@ -94,7 +94,6 @@ def trajectory_estimate(fit: TrajectoryFit) -> Estimate:
 
 
 def _estimate(coefficients: np.ndarray, quantiles: Sequence[np.ndarray]) -> Estimate:
-    """Estimate with the quantiles of :data:`LEVELS`."""
     return Estimate(coefficients, quantiles[0], quantiles[4], quantiles[1], quantiles[3])
 
 

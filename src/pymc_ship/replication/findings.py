@@ -135,7 +135,6 @@ def _differencing(result: StudyResult) -> dict:
 
 
 def _denoisers(result: StudyResult) -> str:
-    """Sentence on the errors of the coefficients by denoiser."""
     errors = {row["method"].replace("_", " "): row["median"] for row in result.tables["denoisers"]}
     raw = errors.pop("none")
     sentences = ", ".join(f"{method} {_n(error)} %" for method, error in errors.items())
@@ -187,7 +186,6 @@ def _coverage(result: StudyResult) -> dict:
 
 
 def _coverage_of_draws(result: StudyResult) -> str:
-    """Sentences on intervals from draws of the denoised record, by derivative."""
     rows, sentences = result.tables["drawn_coefficients"], []
     for derivative in dict.fromkeys(row["derivative"] for row in rows):
         mine = [row for row in rows if row["derivative"] == derivative]

@@ -43,14 +43,12 @@ PUBLISHED_PRIORS = {
 }
 """A, B and kappa of Xue et al. (2020), Table 4, for the container ship; the scale of the inverse gamma is 1 / B."""
 
-PAPER_FAMILIES = tuple(PUBLISHED_PRIORS)
-"""Prior families that the paper compares, and the study with it."""
+PAPER_FAMILIES = tuple(PUBLISHED_PRIORS)  # prior families that the paper compares, and the study with it
 
 AS_PUBLISHED: dict[str, Any] = {"ci_prob": 0.9, "step": 0.02, "record_interval": 0.5, "method": "euler"}
 """Settings of a forecast in the steps of the paper."""
 
-BOUND = "Cramer-Rao bound"
-"""Name of the bound among the methods."""
+BOUND = "Cramer-Rao bound"  # name of the bound among the methods
 
 
 def published_prior(vessel: Vessel, family: str, dof: str) -> Prior | None:

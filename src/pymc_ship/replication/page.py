@@ -140,7 +140,6 @@ def study_content(result: StudyResult, diagnosed: str) -> Content:
 
 
 def _files(result: StudyResult, diagnosed: str) -> dict[str, Callable[[Path], object]]:
-    """Functions that write the posteriors of the level shown and the diagnostic page, by their paths."""
     posteriors = {
         f"posteriors/{dof}-{family}-{method}.nc": partial(write_posterior, tree)
         for family, methods in result.draws.items()

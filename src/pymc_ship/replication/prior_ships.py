@@ -22,14 +22,11 @@ from pymc_ship.ships.forecasting.prior_ships import (
     status_row,
 )
 
-SHIPS = 200
-"""Ships of each prior in each manoeuvre: a proportion of 50 % has a standard error of 3.5 %."""
+SHIPS = 200  # ships of each prior in each manoeuvre: a proportion of 50 % has a standard error of 3.5 %
 
-CI_PROB = 0.9
-"""Probability of the bands of the indices, as that of the study's forecasts."""
+CI_PROB = 0.9  # probability of the bands of the indices, as that of the study's forecasts
 
-POSTERIOR = "posterior"
-"""Choice that names the ships of a family's posterior."""
+POSTERIOR = "posterior"  # choice that names the ships of a family's posterior
 
 
 def study_priors(

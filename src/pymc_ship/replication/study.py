@@ -35,8 +35,7 @@ from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.forecast import forecast
 from pymc_ship.trial.channels import default_channels
 
-LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
-"""Noise levels of the study; the last is the paper's literal one."""
+LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)  # noise levels of the study; the last is the paper's literal one
 
 SWEEP = tuple(10.0 ** (0.5 * k) for k in range(-14, -1))
 """Noise levels of the sweep, in which the published errors are located."""
@@ -44,13 +43,11 @@ SWEEP = tuple(10.0 ** (0.5 * k) for k in range(-14, -1))
 DURATION, STEP, INTERVAL = 400.0, 0.02, 1.0
 """The paper's record: 400 s in Euler steps of 0.02 s, one row of the regression each second."""
 
-MANOEUVRES = {"zigzag": zigzag(10, 10), "turning_circle": turning_circle(35)}
-"""Manoeuvres that are forecast."""
+MANOEUVRES = {"zigzag": zigzag(10, 10), "turning_circle": turning_circle(35)}  # manoeuvres that are forecast
 
 _BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")  # large; draws and design give them again
 
-TRAJECTORY_PRIORS = ("flat", "order_damped")
-"""Priors of the trajectory fits; the last one forecasts."""
+TRAJECTORY_PRIORS = ("flat", "order_damped")  # priors of the trajectory fits; the last one forecasts
 
 
 @dataclass
@@ -113,7 +110,6 @@ def run_study(
 
 
 def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -> None:
-    """Pollute, denoise, identify and forecast at one noise level."""
     progress(f"noise level {level:.3g}: denoising")
     noisy = pollute(result.trial, level=level, rng=generator(result.seed, "noise", level))
     smooth = denoise(noisy)
@@ -151,7 +147,6 @@ def _forecast(
 
 
 def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
-    """Exact, Gibbs and NUTS draws of every DOF and family at the level shown."""
     identification = result.identifications[result.level]
     samplers = {"gibbs": gibbs_posterior, "nuts": nuts_posterior}
     for family in PAPER_FAMILIES:
@@ -171,7 +166,6 @@ def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
 
 
 def _denoisers(result: StudyResult, progress: Callable[[str], None]) -> None:
-    """Tables of the methods of denoising and of draws of the denoised record, at the level shown."""
     vessel, noisy, smooth = result.vessel, result.noisy[result.level], result.smooth[result.level]
     progress("methods of denoising")
     result.tables["denoisers"] = denoisers.denoiser_rows(result.trial, noisy, vessel, interval=INTERVAL)
@@ -183,7 +177,6 @@ def _denoisers(result: StudyResult, progress: Callable[[str], None]) -> None:
 
 
 def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable[[str], None]) -> None:
-    """Tables that compare with the paper."""
     vessel, identification = result.vessel, result.identifications[result.level]
     progress("cost of discretisation")
     result.tables["discretisation"] = replication.discretisation_rows(result.trial, vessel, interval=INTERVAL)

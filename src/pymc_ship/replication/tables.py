@@ -116,7 +116,6 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
 
 
 def _prior_ship_table(result: StudyResult) -> Table:
-    """Shares of the ships of each prior, and the band of an index of each manoeuvre."""
     n, rows = number(3), []
     for row in result.tables["prior_ships"]:
         band = f"{n(row['median'])} ({n(row['lower'])} to {n(row['upper'])})" if np.isfinite(row["median"]) else "–"

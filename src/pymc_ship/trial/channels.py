@@ -153,12 +153,10 @@ _HEADINGS = {  # other names of each channel in files
 
 
 def _channel(name: str, unit: Unit, label: str, **settings: Any) -> Channel:
-    """Channel with its headings in files."""
     return Channel(name, unit, label, headings=_HEADINGS[name], **settings)
 
 
 def _motion(name: str, unit: Unit, label: str, size: float, **settings: Any) -> Channel:
-    """State of the motion."""
     return _channel(name, unit, label, part="motion", size=size, **settings)
 
 

@@ -202,7 +202,6 @@ def _rudder(forces: Mapping[str, np.ndarray], delta: np.ndarray, vessel: Vessel)
 
 
 def _of_scale(force: str, ratio: float, vessel: Vessel, motion: str) -> str:
-    """Sentence on a force of another scale, with the most likely reason."""
     slenderness = vessel.particulars.L / (vessel.particulars.d or SLENDER_DRAUGHT * vessel.particulars.L)
     reasons = {
         slenderness: 'the forces are over L d: set frame.forces = "Ld" in a format file',

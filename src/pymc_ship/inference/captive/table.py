@@ -104,7 +104,6 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
 
 
 def _check_speed(ratio: float, column: Column, nominal: float, scaled: bool, path: Path) -> None:
-    """Raise TrialError for a median speed, over the nominal one, of another unit or scale."""
     if not column.unit and abs(ratio / _KNOTS - 1.0) < _NEAR:
         raise TrialError(
             f"{path}, column {column.heading!r}: a speed without a unit is in m/s, found a median of {ratio:.3g} times "
@@ -120,7 +119,6 @@ def _check_speed(ratio: float, column: Column, nominal: float, scaled: bool, pat
 
 
 def _columns(table: TextTable, path: Path) -> dict[str, Column]:
-    """Column of each quantity; TrialError if one is repeated, has a wrong unit or no force is measured."""
     columns: dict[str, Column] = {}
     for index, heading in enumerate(table.headings):
         name, unit = _name_and_unit(heading, table.units[index])

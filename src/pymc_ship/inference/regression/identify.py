@@ -34,7 +34,6 @@ class Identification:
     exact: dict[str, dict[str, ExactPosterior]]
 
     def __repr__(self) -> str:
-        """Rows and terms of each DOF, and the log evidence of each family."""
         vessels = {data.vessel for data in self.data.values()}
         head = f"Identification of {' and '.join(map(repr, sorted(vessels)))}, log evidence by family"
         lines = [

@@ -211,7 +211,6 @@ class ExactPosterior(ABC):
         def noise_variance_sd(self) -> float: ...  # noqa: D102
 
     def __repr__(self) -> str:
-        """Evidence, noise variance, and mean and sd of the first coefficients."""
         names = ["noise variance", *self.coefficients]
         means = [self.noise_variance_mean, *self.mean]
         width = max(map(len, names[: _MOST_ROWS + 1]))

@@ -19,7 +19,6 @@ Kernel = tuple[np.ndarray, np.ndarray, float, float]
 
 @njit(cache=True)
 def _log_kernel(t: float, kernel: Kernel) -> float:
-    """Log of p(y, t) up to a constant."""
     squares, energies, power, rate = kernel
     variance = math.exp(t)
     total = -power * t - rate / variance

@@ -207,7 +207,6 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
 
 
 def _check_contents(tree: xr.DataTree) -> None:
-    """Raise ValueError for stacked dims, and for attrs or variables that are neither texts nor real numbers."""
     for node in tree.subtree:
         group = node.to_dataset()
         for name, index in group.indexes.items():
@@ -233,7 +232,6 @@ def _check_contents(tree: xr.DataTree) -> None:
 
 
 def _is_writable(value: Any) -> bool:
-    """Whether NetCDF and Zarr have a type for an attribute."""
     if isinstance(value, list | tuple):
         kinds = {isinstance(item, str) for item in value}
         return len(kinds) == 1 and all(map(_is_writable, value))
@@ -267,7 +265,6 @@ def read_posterior(path: str | Path) -> xr.DataTree:
 
 
 def _zarr_is_whole(path: Path) -> bool:
-    """Whether a Zarr folder fits the checksum of its index, or has none."""
     try:
         index = json.loads((path / _ZARR).read_text(encoding="utf-8"))
         checksum = index["attributes"].pop(_SUM, None)

@@ -56,7 +56,6 @@ class TunedPrior:
     box: Mapping[str, tuple[float, float]]
 
     def __repr__(self) -> str:
-        """The prior with its score, and those of the search and of maximum evidence."""
         others = [("best point", self.evaluated_prior, self.evaluated_score)]
         others += [("surrogate", self.surrogate_prior, self.surrogate_score)]
         others += [("evidence", self.evidence_prior, self.evidence_score)]
@@ -194,7 +193,6 @@ def maximise_evidence(
 
 
 def _evidence_maximum(data: RegressionData, prior_type: type[Prior], bounds: np.ndarray) -> tuple[Prior, float]:
-    """Prior of maximum evidence within log bounds, and its log evidence."""
     low, width = bounds[:, 0], np.ptp(bounds, axis=1)
 
     def loss(fraction: np.ndarray) -> tuple[float, np.ndarray] | float:
@@ -231,7 +229,6 @@ def bound_text(what: str, names: Iterable[str]) -> str:
 
 
 def _warn_of_search(prior: Prior, box: Mapping[str, tuple[float, float]] | None, data: RegressionData) -> None:
-    """Warn of a prior on a bound of its box, and of one kappa for columns of very different size."""
     if data.uneven:
         warnings.warn(data.uneven, UserWarning, stacklevel=3)
     if names := on_edge(prior, box):
@@ -274,7 +271,6 @@ def _search(
 
 
 def _surrogate_optimum(surrogate: Any, evaluated: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Minimum of the surrogate's mean in the unit cube."""
     candidates = np.vstack([rng.random((4096, evaluated.shape[1])), np.clip(evaluated, 0.0, 1.0)])
     best = candidates[np.argsort(surrogate.predict(candidates))[:5]]
     return _minimise(lambda x: float(surrogate.predict(x[None])[0]), best)

@@ -209,7 +209,6 @@ class RegressionData:
         return replace(self, column_center=center, column_scale=scale, response_center=middle, response_scale=size)
 
     def __repr__(self) -> str:
-        """Size, origin, names, scaling, and a remark on uneven columns."""
         labels = ", ".join(filter(None, [self.dof, self.vessel, self.derivative]))
         centred = f"centred on {self.coefficients[self.constant]}" if self.column_center.any() else "not centred"
         return (

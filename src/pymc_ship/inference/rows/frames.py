@@ -289,7 +289,6 @@ def _floats(frame: Any, matrices: Any) -> dict[str, str]:
 
 
 def _converted(frame: Any, types: Mapping[str, str]) -> Any:
-    """Table whose integer columns of these names have these types."""
     integers = {name: kind for name, kind in types.items() if getattr(frame[name].dtype, "kind", "O") in "iu"}
     return frame.astype(integers) if integers else frame
 
@@ -321,7 +320,6 @@ def _variables(terms: Iterable[Any]) -> set[str]:
 
 
 def _check_terms(formula: str, frame: Any, matrices: Any) -> None:
-    """Raise InferenceError for a formula without response or terms, or with parts that no regression here has."""
     response, terms = matrices.response, [] if matrices.common is None else list(matrices.common.terms.values())
     offsets = [part.name for term in terms for part in getattr(term, "components", ()) if part.kind == "offset"]
     if offsets:

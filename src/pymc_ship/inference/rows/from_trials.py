@@ -110,7 +110,6 @@ def regression_data(
 
 
 def _by_run(trials: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """Trials by the label of their run."""
     by_run = numbered_trials(trials)
     if not by_run:
         raise InferenceError("Rows come from one trial or several, found none; give them.")

@@ -177,7 +177,6 @@ def _momentum(vessel: Vessel, record: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _kernel_matrix(kernel: np.ndarray, starts: np.ndarray, n_time: int) -> csr_array:
-    """Sparse matrix (n_rows, n_time) with the kernel at each start."""
     from scipy.sparse import csr_array
 
     columns = (starts[:, None] + np.arange(kernel.size)).ravel()

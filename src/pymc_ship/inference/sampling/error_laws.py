@@ -18,8 +18,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import InferenceError, ShipError
 
-OWN = "own"
-"""Family of a prior, and law of errors, that the package does not know."""
+OWN = "own"  # family of a prior, and law of errors, that the package does not know
 
 _LOG_2PI = math.log(2.0 * math.pi)
 NU_SHAPE, NU_RATE = 2.0, 0.1  # Gamma prior of the degrees of freedom

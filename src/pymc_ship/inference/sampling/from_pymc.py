@@ -156,7 +156,6 @@ def _check_response(name: str, observed: np.ndarray, data: RegressionData) -> No
 
 
 def _check_design(found: np.ndarray, data: RegressionData) -> None:
-    """Raise ValueError unless a matrix is the design of the data, as given or scaled."""
     if not any(is_equal(design, found) for design in (data.design_matrix, data.scaled_design_matrix)):
         raise ShipError(
             "The design_matrix must be that of the data, as given or scaled, found another one; give the data that "
@@ -167,7 +166,6 @@ def _check_design(found: np.ndarray, data: RegressionData) -> None:
 def _from_model(
     groups: dict[str, xr.Dataset], model: pm.Model, data: RegressionData, seed: int
 ) -> dict[str, xr.Dataset]:
-    """Groups computed by PyMC from a model and its draws."""
     import pymc as pm
 
     observed = [variable.name for variable in model.observed_RVs]

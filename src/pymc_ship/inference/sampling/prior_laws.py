@@ -16,7 +16,6 @@ from pymc_ship.machine.errors import InferenceError
 
 
 def _check_use(data: object, given: object, **positive: object) -> None:
-    """Raise InferenceError outside of a model, and for other kinds of arguments."""
     check_data(data)
     check_kind("given", given, dict, "give the keyword arguments of the coefficients", InferenceError)
     for name, value in positive.items():

@@ -261,7 +261,6 @@ def _is_own(prior: Prior | Callable, data: RegressionData) -> TypeIs[Callable]:
 
 
 def _installed_sampler(sampler: str | None) -> str:
-    """Name of an installed sampler; ValueError for others."""
     if sampler is None:
         return "nutpie" if find_spec("nutpie") else "pymc"
     check_choice("The NUTS sampler", sampler, NUTS_SAMPLERS)

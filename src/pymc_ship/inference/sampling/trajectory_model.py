@@ -118,7 +118,6 @@ def _n_directions(problem: Problem) -> int:
 
 
 def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: list) -> None:
-    """Named coefficients, initial states and sensor offsets; NaN where a run has none."""
     pm.Deterministic("coefficients", coefficients, dims="coefficient")
     labels, channels, n_runs = problem.labels, problem.channels, len(problem.runs)
     state = pt.full((n_runs, len(labels["state"])), np.nan)

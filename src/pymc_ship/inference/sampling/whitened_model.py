@@ -110,7 +110,6 @@ def statistics(data: RegressionData, prior: Prior) -> dict[str, np.ndarray]:
 
 
 def _noise_level(prior: Prior, rotation: Rotation, n_rows: int) -> tuple[float, float]:
-    """Mode and approximate sd of the marginal posterior of log sigma2."""
     from scipy.optimize import brentq
 
     s, z = rotation.singular_values, rotation.projection

@@ -179,7 +179,6 @@ class Trace:
         return lowered
 
     def _dependencies(self, begin: Sequence[int]) -> set[int]:
-        """Nodes that the given nodes depend on, with themselves."""
         nodes, waiting = set(), list(begin)
         while waiting:
             node = waiting.pop()

@@ -126,7 +126,6 @@ def _sum(trace: Trace, values: Iterable[Expression | float]) -> Expression:
 def _accelerations(
     ship: ShipDimensions, motion: Motion, p: Expressions, total: list[Expression]
 ) -> list[Expression | float]:
-    """Accelerations through the water from forces and from the rotation of the body axes."""
     m, x_G, z_G, r = ship.m, ship.x_G, ship.z_G, motion.r
     X = total[0] + m * (motion.v * r + x_G * r * r - z_G * r * motion.p)
     centripetal = m * motion.u * r

@@ -82,7 +82,6 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
 
 
 def _check_base_course(name: str, first_deg: float, attrs: Mapping[str, Any]) -> None:
-    """Raise TrialError for a first heading from the base course [deg] beyond the switching heading."""
     if abs(first_deg) >= attrs["heading_deg"]:
         raise TrialError(
             f"The heading of a {name} counts from its base course, found {first_deg:.4g} deg at the first sample; "

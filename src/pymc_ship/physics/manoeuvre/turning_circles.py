@@ -42,7 +42,6 @@ def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
-    """Limits of the turning circle with hard-over rudder."""
     if attrs.get("rudder_deg", _HARD_OVER) < _HARD_OVER:
         return ()
     return ("advance", 4.5, "L"), ("tactical_diameter", 5.0, "L")

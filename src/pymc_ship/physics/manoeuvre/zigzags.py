@@ -52,7 +52,6 @@ def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
-    """Limits of the 10/10 and the 20/20 test."""
     angles = (attrs.get("rudder_deg"), attrs.get("heading_deg"))
     if angles == (10.0, 10.0):
         first = ("first_overshoot_angle", min(max(5.0 + 0.5 * ratio, 10.0), 20.0), "deg")
@@ -62,7 +61,6 @@ def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
 
 
 def _recognise(steering: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
-    """Rudder angle, switching heading and first side of a record with rudder reversals."""
     if not steering.reversals:
         return None
     first = "starboard" if steering.reversals[0].heading > 0.0 else "port"

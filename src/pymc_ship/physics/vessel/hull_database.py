@@ -74,7 +74,6 @@ def particulars_prior(vessel: Vessel) -> ParticularsPrior:
 
 
 def _is_hull(term: str, dof: str) -> bool:
-    """Whether a term is a force of the symmetric hull by v and r alone."""
     rows = factors(term)
     by_v_and_r = {SYMBOLS[(row - 1) % len(SYMBOLS)] for row in rows if row < ROW_RUDDER} <= {"v", "r"}
     return bool(rows) and by_v_and_r and max(rows) < ROW_RUDDER and dof != "roll" and is_symmetric(term, dof)

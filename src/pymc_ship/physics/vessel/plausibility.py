@@ -52,7 +52,6 @@ def _numbers(table: str, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _numbers_by_key(vessel: Vessel) -> dict[str, float]:
-    """Every number of a vessel by its key in the file."""
     numbers = _numbers("particulars", asdict(vessel.particulars)) | _numbers("added_mass", vessel.added_mass)
     numbers |= _numbers("inertia", {"m": vessel.m, "I_zz": vessel.I_zz, "I_xx": vessel.I_xx})
     numbers |= _numbers("propeller", asdict(vessel.propeller) if vessel.propeller else {})
@@ -63,7 +62,6 @@ def _numbers_by_key(vessel: Vessel) -> dict[str, float]:
 
 
 def _apply_rules(rules: Iterable[Rule], ship: Particulars | Vessel, values: Mapping[str, float]) -> Iterator[Finding]:
-    """Findings of the rules, up to the first impossible one."""
     for rule in rules:
         value = values[rule.key]
         number = rule.number(ship) if rule.number else value

@@ -76,7 +76,6 @@ def rolls(v: Vessel) -> bool:
 
 
 def _radius(square: float) -> float:
-    """Square root with the sign of its argument."""
     return math.copysign(math.sqrt(abs(square)), square)
 
 

@@ -126,7 +126,6 @@ def _vessel(file: Entry) -> Vessel:
 
 
 def _check_possible(findings: Iterable[Finding], file: Entry) -> None:
-    """Raise VesselError for an impossible number."""
     for finding in findings:
         if finding.impossible:
             raise VesselError(f"{file.file}: {finding.sentence}")
@@ -168,7 +167,6 @@ def _particulars(table: Entry, *, rolls: bool) -> Particulars:
 
 
 def _dimensions[T: (Propeller, Rudder, Windage)](table: Entry, kind: type[T], *, positive: bool = False) -> T:
-    """Dataclass of a table of numbers, all required."""
     names = [field.name for field in fields(kind)]
     numbers = _numbers(table, names, names)
     for name, value in numbers.items():
@@ -178,7 +176,6 @@ def _dimensions[T: (Propeller, Rudder, Windage)](table: Entry, kind: type[T], *,
 
 
 def _parameters(table: Entry) -> dict[str, Coefficient]:
-    """Stated parameters of parts, by name."""
     table.check_table()
     return {name: Coefficient(name, **_value_and_details(table.at(name), ("unit",))) for name in table}
 
@@ -193,7 +190,6 @@ def _value_and_details(entry: Entry, more: Sequence[str]) -> dict[str, Any]:
 
 
 def _details(entry: Entry) -> Entry:
-    """Table of the details of a number, empty without a table."""
     return entry if isinstance(entry.value, dict) else replace(entry, value={})
 
 
@@ -205,7 +201,6 @@ def _numbers(table: Entry, known: Sequence[str], required: Sequence[str] = ()) -
 
 
 def _value(entry: Entry, more: Sequence[str] = ()) -> float:
-    """Value of a number, or of a table with ``value`` and details."""
     if not isinstance(entry.value, dict):
         return entry.number()
     entry.check_keys(("value", *_TEXTS, *more), ("value",))
@@ -214,7 +209,6 @@ def _value(entry: Entry, more: Sequence[str] = ()) -> float:
 
 
 def _texts(table: Entry, names: Sequence[str]) -> dict[str, str]:
-    """Texts of a table by key; empty if missing."""
     return {name: table.at(name, "").text() for name in names}
 
 

@@ -72,7 +72,6 @@ def rescale(coefficients: xr.DataArray, vessel: Any, system: str) -> xr.DataArra
 
 
 def _factor(term: str, vessel: Vessel, system: str) -> float:
-    """Factor from the prime value of a coefficient."""
     s, rows = vessel.particulars, factors(term)
     if system == "bis":
         froude = s.nominal_speed / np.sqrt(GRAVITY * s.L)

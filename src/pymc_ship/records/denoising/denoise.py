@@ -202,7 +202,6 @@ def _denoise(y: ArrayLike, what: str, method: str, settings: dict[str, Any]) -> 
 
 
 def _check_method(method: str, function: Callable[..., object], settings: dict[str, Any]) -> None:
-    """Raise ValueError for an unknown method, and for wavelet settings of a smoother."""
     check_choice("The method", method, METHODS)
     defaults = {name: argument.default for name, argument in signature(function).parameters.items()}
     plain = (str, bool, int, float, type(None))

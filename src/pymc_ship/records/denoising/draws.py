@@ -104,6 +104,5 @@ def denoise_signal_draws(
 
 
 def _draw(y: ArrayLike, what: str, draws: int, rng: np.random.Generator, settings: dict[str, Any]) -> np.ndarray:
-    """Draws of a signal, shape (draws, n_time); ``what`` names it in errors."""
     posterior = wavelet_posterior(finite_signal(y, what), what, **settings)
     return np.array([posterior.draw(rng) for _ in range(draws)])

@@ -111,7 +111,6 @@ def smooth_signal(signal: np.ndarray, method: str) -> Smooth:
 
 
 def _grid(first: int, last: int) -> list[int]:
-    """Integers from the first to the last, about geometrically spaced."""
     count = int(np.log(last / first) / np.log(_RATIO)) + 2
     return np.unique(np.geomspace(first, last, count).round().astype(int)).tolist()
 

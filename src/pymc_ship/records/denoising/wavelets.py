@@ -56,7 +56,6 @@ def inverse(
 
 
 def _extended(signal: np.ndarray, before: int, after: int, step: int) -> np.ndarray:
-    """Periodic signal with the samples of so many steps before and after."""
     return np.pad(signal, (before * step, after * step), "wrap")
 
 

@@ -210,7 +210,6 @@ class _Design:
     data: _Data  # before any new run
 
     def _error(self, run: _Run, names: Sequence[str], motion: xr.DataArray) -> np.ndarray:
-        """Sd of the error of each index, (n_names, SIZES), of a model fitted to this motion."""
         if not names:
             return np.empty((0, SIZES))
         middle = run.indices[list(names)].median("draw", keep_attrs=True).expand_dims(draw=SIZES)
@@ -221,7 +220,6 @@ class _Design:
         return np.array([sizes[name] for name in names])
 
     def _central_motion(self, run: _Run) -> xr.Dataset:
-        """Motion of the central draw until the end of the run."""
         return run.ships.isel(draw=self.central, time=slice(None, int(run.end[self.central]) + 1))
 
     def _measured_indices(self, run: _Run) -> list[str]:

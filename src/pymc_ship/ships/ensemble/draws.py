@@ -51,7 +51,6 @@ def coefficient_draws(
 def _coefficient_rows(
     vessel: Vessel, dof: str, tree: xr.DataTree, group: str, draws: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Draws of the coefficients of a DOF, or of all DOFs ("joint"), each row one draw."""
     check_same_vessel(f"The {dof} {group}", tree.attrs, vessel)
     names = coefficient_names(vessel) if dof == "joint" else vessel.coefficients(dof)["coefficient"].values.tolist()
     sample = tree[group].dataset["coefficients"].stack(sample=("chain", "draw"))

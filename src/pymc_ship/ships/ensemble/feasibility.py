@@ -62,7 +62,6 @@ class Failure:
     motion: xr.Dataset
 
     def __str__(self) -> str:
-        """End of a sentence."""
         return f"in the {self.manoeuvre.label} the ship {self.fault} after {self.time:.3g} s"
 
 
@@ -84,5 +83,4 @@ def first_failure(vessel: Vessel, coefficients: np.ndarray) -> Failure | None:
 
 
 def _first(ship: xr.Dataset, outside: np.ndarray) -> float:
-    """Time of the first sample outside a limit [s]; infinite if none."""
     return float(ship["time"].values[np.argmax(outside)]) if outside.any() else np.inf

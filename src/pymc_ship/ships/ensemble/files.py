@@ -222,7 +222,6 @@ def _check_numbers(path: Path, index: Mapping) -> None:
 
 
 def _has_form(value: Any, form: Any) -> bool:
-    """Whether a value of an index has a form of :data:`_FORM`."""
     if form is _LAW and not isinstance(value, list):
         return _has_form(value, float)
     if isinstance(form, list):
@@ -237,13 +236,11 @@ def _has_form(value: Any, form: Any) -> bool:
 
 
 def _current_names(entries: Mapping) -> dict:
-    """Entries under the names of the present format."""
     names = {old: new for renamed in MIGRATIONS.values() for old, new in renamed.items()}
     return {names.get(key, key): value for key, value in entries.items()}
 
 
 def _member(entry: Mapping, vessel: Vessel, tree: xr.DataTree, constant: Mapping) -> Member:
-    """Member from its entry of the index, vessel and posterior."""
     draws = tree["posterior"]["coefficients"].stack(sample=("draw", "chain"))
     rows = draws.sel(coefficient=coefficient_names(vessel)).transpose("sample", "coefficient").values
     likelihood = EarlierLikelihood(
@@ -270,7 +267,6 @@ def _other_format(folder: Path, file: str, lacking: Sequence[str]) -> VesselErro
 
 
 def _checksum(folder: Path, index: Mapping) -> str:
-    """Checksum of an index and of the files that it names."""
     names = [str(Path(entry["file"]).with_suffix(ending)) for entry in index["terms"] for ending in (".toml", ".nc")]
     return folder_checksum(folder, names, index)
 
@@ -298,7 +294,6 @@ def _tree(member: Member, likelihood: EarlierLikelihood, ship: Ship, made_by: st
 
 
 def _vessel_text(member: Member) -> str:
-    """TOML of a member's vessel with the estimates as coefficients."""
     vessel = member.vessel
     lines = [f"name = {json.dumps(vessel.name)}", f"title = {json.dumps(f'{vessel.title}; {member.name} terms')}"]
     lines += [f"parts = {json.dumps(list(vessel.parts))}"] if vessel.parts else []

@@ -46,7 +46,6 @@ class Member:
     design_effect: float = 1.0
 
     def __repr__(self) -> str:
-        """Name and number of draws."""
         return f"Member({self.name!r}, {len(self.draws)} draws, weight {self.weight:.3g})"
 
 
@@ -170,7 +169,6 @@ class Ship:
         return sum(len(one.draws) for one in self.members)
 
     def __repr__(self) -> str:
-        """Name, number of models and draws, and the source of the model error."""
         n, runs = len(self.models), self.held_out_indices.sizes["run"]
         errors = "unknown" if self.index_error is None else f"from {runs} held-out run{'s' * (runs != 1)}"
         models = f"{n} model{'s' * (n != 1)}, {self.draws} draws"

@@ -132,7 +132,6 @@ def _directions() -> np.ndarray:
 
 
 def _training_motion(motion: xr.DataArray) -> np.ndarray:
-    """Prime motion of the record, shape (n_rows, n_symbols)."""
     if set(motion.dims) != {"row", "symbol"} or set(map(str, motion.get_index("symbol"))) != set(SYMBOLS):
         raise TrialError(
             f"A training motion has the dims row and symbol ({', '.join(SYMBOLS)}), found {dict(motion.sizes)}; "

@@ -27,8 +27,7 @@ _POINTS = 400
 _TRACKS = 40  # draws of a turning circle
 _SHOWN = 20.0  # L/U of headings
 _LINES = ("-", "--", ":", "-.")
-MEASURED: Mapping[str, Any] = {"color": REFERENCE, "lw": 1.0, "label": "measured"}
-"""Line of a measured trial."""
+MEASURED: Mapping[str, Any] = {"color": REFERENCE, "lw": 1.0, "label": "measured"}  # line of a measured trial
 
 
 def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> dict[str, Figure]:
@@ -96,7 +95,6 @@ def overview(
 
 
 def _styles(forecasts: Mapping[str, xr.DataTree]) -> dict[str, dict[str, Any]]:
-    """Colour by side, line by angles, and label of each forecast."""
     sides = {"port": RUST, "starboard": BLUE}
     angles = {name: tree.attrs["label"].removesuffix(tree.attrs["side"]) for name, tree in forecasts.items()}
     lines = dict(zip(dict.fromkeys(angles.values()), cycle(_LINES), strict=False))
@@ -109,7 +107,6 @@ def _styles(forecasts: Mapping[str, xr.DataTree]) -> dict[str, dict[str, Any]]:
 def _circles(
     ax: Axes, forecasts: Mapping[str, xr.DataTree], vessel: Vessel, measured: Mapping[str, xr.Dataset]
 ) -> None:
-    """First rounds in ship lengths: draws, median ship and measured trial."""
     L = vessel.particulars.L
     for name, style in _styles(forecasts).items():
         tree = forecasts[name]
@@ -131,7 +128,6 @@ def _circles(
 def _headings(
     ax: Axes, forecasts: Mapping[str, xr.DataTree], vessel: Vessel, measured: Mapping[str, xr.Dataset]
 ) -> None:
-    """Heading changes against time: band, median and measured trial."""
     until = 0.0
     for name, style in _styles(forecasts).items():
         tree = forecasts[name]
@@ -214,7 +210,6 @@ def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
 def _panel(
     ax: Axes, tree: xr.DataTree, name: str, trial: xr.Dataset | None, *, colour: str = BLUE, mark: str = ""
 ) -> None:
-    """Band, median and measured values of a channel against time, angles in degrees."""
     bands = thinned(tree["bands"].to_dataset()[[name]], _POINTS)
     factor = CHANNELS[name].unit.display_factor
     lower, median, upper = factor * bands[name].sel(band=list(BANDS)).values

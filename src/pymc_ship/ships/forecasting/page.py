@@ -158,7 +158,6 @@ def write_forecast_page(
 
 
 def _check_forecasts(forecasts: Mapping) -> None:
-    """Raise ShipError for values that are no forecasts, such as the groups of one forecast."""
     for name, tree in forecasts.items():
         if not isinstance(tree, xr.DataTree) or "bands" not in tree.children:
             raise ShipError(
@@ -181,7 +180,6 @@ def _head(ship: Ship, forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> d
 
 
 def _term_sets(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> str:
-    """Number of term sets that are simulated, as text."""
     count = max((tree.attrs["term_sets"] for tree in forecasts.values()), default=len(ship.models))
     return f"{count} term set{'s' * (count != 1)}"
 
@@ -363,7 +361,6 @@ def band_rows(tree: xr.DataTree) -> list[dict]:
 
 
 def _measured_columns(row: Mapping, value: float) -> dict:
-    """Measured value of an index, error of the median, and whether the interval covers the measured value."""
     error, units = row["median"] - value, "deg"
     if row["units"] != "deg":
         error, units = 100.0 * (row["median"] / value - 1.0) if value else np.nan, "%"
@@ -383,7 +380,6 @@ def _slugs(names: Iterable[str]) -> list[str]:
 
 
 def _section(slug: str, name: str, tree: xr.DataTree, rows: list[dict], verdicts: list[str]) -> dict:
-    """Template values of one manoeuvre."""
     kind = kind_named(tree.attrs["manoeuvre"])
     return {
         "id": slug,

@@ -165,7 +165,6 @@ def _rows(
 
 
 def _tree(dof: str, dof_prior: RegressionPrior, draws: int, rng: np.random.Generator) -> xr.DataTree:
-    """Tree with draws from the prior of a DOF."""
     if isinstance(dof_prior, xr.DataTree):
         return _checked_tree(dof_prior, f"The tree of {dof}")
     kinds = tuple(map(type, dof_prior)) if isinstance(dof_prior, tuple) else ()
@@ -199,7 +198,6 @@ def _wrong_way(ships: xr.Dataset, manoeuvre: Manoeuvre) -> np.ndarray:
 
 
 def _summary(attrs: Mapping) -> str:
-    """Sentence on the percentages."""
     diverged, wrong, unstable, complete = (f"{100.0 * attrs[f'{name}_fraction']:.3g} %" for name in OUTCOMES)
     fixed = f", {', '.join(attrs['fixed_dofs'].split())} at reference values" if attrs["fixed_dofs"] else ""
     return (

@@ -153,7 +153,6 @@ def _crossing_rate(delta: np.ndarray, rate: np.ndarray, level: float) -> float:
 
 
 def _turns_of_model(vessel: Vessel, draws: np.ndarray) -> dict[str, np.ndarray]:
-    """Steady turns of the draws of one vessel, each (n_draws, n_rates)."""
     s, constants, n_ships = vessel.particulars, scheme(vessel), len(draws)
     columns, work = np.ascontiguousarray(draws.T), workspace(n_ships, constants)
     set_parts(columns, constants, work)

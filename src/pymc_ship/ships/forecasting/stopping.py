@@ -66,7 +66,6 @@ class StoppingTest:
         return StoppingTest(self.astern, *self._times(vessel))
 
     def _times(self, vessel: Vessel) -> tuple[float, float]:
-        """Time of the reversal [s] and approach speed [m/s] of a vessel."""
         if not _models_astern(vessel):
             raise SimulationError(_NOT_ASTERN)
         s, nominal = vessel.particulars, ship_dimensions(vessel).n
@@ -238,5 +237,4 @@ def stopping_tracks(stop: xr.Dataset) -> Figure:
 
 
 def _models_astern(vessel: Vessel) -> bool:
-    """Whether the forces of a vessel are valid with the propeller astern."""
     return valid_at_any_speed(vessel) and takes_revolutions(vessel)

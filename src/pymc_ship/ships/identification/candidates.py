@@ -84,7 +84,6 @@ class Candidate:
     discrepancy_scales: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
-        """Name, weight and number of draws."""
         return f"Candidate({self.name!r}, weight {self.weight:.3g}, {len(self.draws)} draws)"
 
     @property
@@ -198,13 +197,11 @@ def with_recorded_effects(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vesse
 
 
 def _is_rolling(trials: Sequence[xr.Dataset]) -> bool:
-    """Whether the trials identify roll."""
     measured = all({"p", "phi"} <= set(nonzero_channels(trial)) for trial in trials)
     return measured and any(np.quantile(np.abs(trial["phi"].values), 0.99) > np.deg2rad(ROLL_ANGLE) for trial in trials)
 
 
 def _revolutions_vary(trials: Sequence[xr.Dataset]) -> bool:
-    """Whether the revolutions differ within the trials or between them."""
     low, high = np.quantile(np.concatenate([trial["n"].values for trial in trials]), [0.05, 0.95])
     return bool(high - low > _SAME * max(abs(low), abs(high)))
 
@@ -298,7 +295,6 @@ class _Combined:
 
 
 def _attempt(name: str, training: Training, rng: np.random.Generator) -> Candidate | Refusal:
-    """Candidate of a term set, or its refusal."""
     try:
         problem = _with_prior(name, training)
         combined = _combine(problem, _fit(problem), training)
@@ -309,7 +305,6 @@ def _attempt(name: str, training: Training, rng: np.random.Generator) -> Candida
 
 
 def _with_prior(name: str, training: Training) -> _Problem:
-    """Windows of a term set with the prior of its coefficients."""
     plain = with_recorded_effects(with_terms(training.vessel, name), training.trials)
     vessel = with_prior_knowledge(plain, training.prior)
     trials = [piece for trial in training.trials for piece in modelled_pieces(trial, vessel)]
@@ -333,7 +328,6 @@ def _fit(problem: _Problem) -> WindowFit:
 
 
 def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined:
-    """Fit with the likelihoods of earlier runs and captive tests."""
     prior, vessel = problem.prior, problem.vessel
     captive_fit, earlier_likelihood = None, None
     discrepancy_scales: tuple[float, ...] = ()
@@ -357,7 +351,6 @@ def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined
 
 
 def _cross_validate(problem: _Problem, combined: _Combined, training: Training) -> Candidate:
-    """Candidate with its cross-validation and the inflation of its sds."""
     vessel, whole = problem.vessel, combined.fit
 
     def fit(windows: Sequence[Window]) -> WindowFit:
@@ -413,7 +406,6 @@ def partial_run_remarks(names: Sequence[str], training: Training, candidates: Se
 
 
 def _windows_ahead(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None:
-    """Windows ahead of each run, for the score of all sets; None where a run has none."""
     ahead = [pieces_ahead(trial, ship_scale(trial, vessel)) for trial in training.trials]
     if len(ahead) < 2 or not all(ahead):
         return None
@@ -473,6 +465,5 @@ def _inflation(whole: WindowFit, validation: CrossValidation) -> float:
 
 
 def _precisions(fit: WindowFit) -> tuple[np.ndarray, np.ndarray]:
-    """Precision of the prior, and of the windows."""
     prior_precision = fit.information @ fit.from_prior @ fit.information
     return prior_precision, fit.information - prior_precision

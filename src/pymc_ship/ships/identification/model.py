@@ -101,7 +101,6 @@ class ShipIdentification:
     captive: xr.Dataset | None = None
 
     def __repr__(self) -> str:
-        """Runs, term sets and the ship."""
         return f"ShipIdentification({len(self.names)} runs, {len(self.candidates)} term sets, {self.ship})"
 
 
@@ -284,7 +283,6 @@ def _nothing_held_out(training: Training) -> str:
 
 
 def _captive_remarks(tests: xr.Dataset, best: Candidate) -> list[str]:
-    """Remark on the discrepancy between captive tests and trials."""
     if best.captive is None:
         return []
     return [
@@ -377,7 +375,6 @@ def _held_out_indices(
     noise: Sequence[Mapping[str, float]],
     rng: np.random.Generator,
 ) -> list[dict]:
-    """Indices of every recognised manoeuvre, forecast by the fits without its run."""
     rows = []
     for k in range(len(names)):
         rows += _forecast_of_run(k, names[k], training, [(one, one.held_out, k) for one in candidates], noise[k], rng)
@@ -455,7 +452,6 @@ def _held_out_motion(
 
 
 def _draw_feasible(candidates: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:
-    """Candidates with feasible draws in proportion to their weights."""
     exact = draws * np.array([candidate.weight for candidate in candidates])
     counts = np.floor(exact).astype(int)
     counts[np.argsort(counts - exact)[: draws - counts.sum()]] += 1

@@ -64,7 +64,6 @@ def measured_sentences(
 
 
 def _inside(rows: Sequence[Mapping]) -> int:
-    """Number of rows whose interval of 95 % covers the measurement."""
     return sum(abs(row["z"]) <= QUANTILES["95"] for row in rows)
 
 

@@ -334,7 +334,6 @@ def _values(
     rows: Mapping[str, list[dict]],
     summary: Sequence[str],
 ) -> dict:
-    """Template values of the ship and its runs."""
     left_out = [remark for remark in result.ship.remarks if _LEFT_OUT in remark]
     return {
         "vessel": result.vessel,
@@ -358,7 +357,6 @@ def _values(
 
 
 def _steering(result: ShipIdentification, given: Vessel | None) -> list[str]:
-    """Sentences on the measured steering gear and that of the vessel file."""
     sentences, first = [], next(iter(result.ship.facilities))
     main = first or "the runs without a facility"
     for name, gear in result.ship.facilities.items():
@@ -378,13 +376,11 @@ def _steering(result: ShipIdentification, given: Vessel | None) -> list[str]:
 
 
 def _unchecked(rows: Sequence[Mapping]) -> str:
-    """Names of the checks that were not made, with the number of runs."""
     names = [row["check"] for row in rows if row["verdict"] == "not checked"]
     return ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
 
 
 def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
-    """Tables of the page, by name; those without rows are left out."""
     n, vessel = number(3), result.candidates[0].vessel
     units = {name: CHANNELS[name].unit for candidate in result.candidates for name in candidate.held_out.rms}
     runs = heads(str, run="run", manoeuvre="recognised as") | heads(fixed_point(0), duration="duration s")
@@ -440,7 +436,6 @@ def _score(value: object) -> str:
 
 
 def _term_set_cells(row: Mapping, units: Mapping[str, Unit]) -> dict:
-    """Row of a term set with rates in degrees and shares in percent."""
     cells = {f"rms_{name}": unit.display_factor * row.get(f"rms_{name}", np.nan) for name, unit in units.items()}
     return dict(row) | cells | {key: 100.0 * row[key] for key in ("weight", "infeasible_fraction")}
 
@@ -450,5 +445,4 @@ def _index_cells(row: Mapping) -> dict:
 
 
 def _prime_cells(row: Mapping) -> dict:
-    """Prime values times 1e5."""
     return dict(row) | {key: 1e5 * row[key] for key in ("estimate", "sd", "known_value", "known_sd")}

@@ -272,7 +272,6 @@ def _intervals(
 
 
 def _greatest(distance: np.ndarray | None) -> float:
-    """Greatest distance beyond the runs, 0 where none is known."""
     return 0.0 if distance is None else float(np.nanmax(distance, initial=0.0))
 
 
@@ -333,7 +332,6 @@ def _score_window(tree: xr.DataTree, noise_sd: np.ndarray) -> dict[str, list[flo
 
 
 def _samples(trial: xr.Dataset, start: float | None, duration: float | None) -> slice:
-    """Samples of a record between two times."""
     check_trial(trial, _MEASURED)
     time = trial["time"].values
     begin = float(time[0]) if start is None else number_or_nan(start)

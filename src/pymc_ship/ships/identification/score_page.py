@@ -108,7 +108,6 @@ def write_score_page(
 
 
 def _missed(rows: Sequence[Mapping]) -> str:
-    """Sentence: number of measured indices outside their intervals of 95 %, and which; empty where none is."""
     known = [row for row in rows if row["inside"]]
     missed = [row for row in known if row["inside"] == "no"]
     listed = "; ".join(f"{row['index']} of {row['run']}" for row in missed)

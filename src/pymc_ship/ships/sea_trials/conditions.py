@@ -124,7 +124,6 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
 
 
 def _row(condition: str, text: str, limit: str, value: float, met: bool) -> dict:
-    """Row of a condition; NaN is a value not stated."""
     conformity = "met" if met else "not met"
     if not np.isfinite(value):
         text = conformity = NOT_STATED

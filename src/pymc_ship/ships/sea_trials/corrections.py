@@ -184,7 +184,6 @@ def _from_bow(wind: tuple[float, float], course: float) -> tuple[float, float]:
 def _by_current(
     smooth: xr.Dataset, current: DriftCurrent | None, attrs: Mapping, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Deviation of each index over draws of the current; empty without one."""
     if current is None:
         return {}
     drawn = current.velocity + current.sd * rng.standard_normal((DRAWS, 2))

@@ -68,7 +68,6 @@ def spirals(measured: Mapping[str, xr.Dataset], turns: xr.Dataset | None) -> Fig
 
 
 def _grid(n: int, height: float) -> tuple[Figure, list]:
-    """Figure with axes for each run, in rows of three."""
     columns = min(n, _COLUMNS)
     rows = -(-n // columns)
     fig, axes = subplots(8.0, height * rows + 0.4, rows, columns)

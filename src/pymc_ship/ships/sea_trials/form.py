@@ -92,7 +92,6 @@ def form_rows(rows: Sequence[Mapping]) -> list[dict]:
 
 
 def _least_favourable(rows: Sequence[Mapping], index: str) -> str:
-    """Least favourable value of an index over runs to one side, with its expanded uncertainty."""
     if not rows:
         return "not run"
     index_runs = [row for row in rows if row["index"] == index]

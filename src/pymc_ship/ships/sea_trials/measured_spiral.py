@@ -109,7 +109,6 @@ def _steady_intervals(time: np.ndarray, motion: np.ndarray, least: float) -> Ite
 
 
 def _distinct_angles(angles: np.ndarray) -> list[float]:
-    """Angles that differ by more than the rudder tolerance."""
     distinct: list[float] = []
     for angle in sorted(angles.tolist()):
         if not distinct or angle - distinct[-1] > _RUDDER_TOLERANCE:
@@ -118,6 +117,5 @@ def _distinct_angles(angles: np.ndarray) -> list[float]:
 
 
 def _next_angle(angles: np.ndarray, angle: float) -> float:
-    """Smallest angle above another one; NaN without any."""
     beyond = angles[angles > angle + _RUDDER_TOLERANCE]
     return float(beyond.min()) if beyond.size else np.nan

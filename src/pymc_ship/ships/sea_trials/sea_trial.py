@@ -192,7 +192,6 @@ class _Corrections(NamedTuple):
 def _index_rows(
     trials: Mapping[str, xr.Dataset], runs: _Runs, by: _Corrections, progress: Callable[[str], None]
 ) -> list[dict]:
-    """Indices of all runs, measured and corrected, before the budget of their uncertainty."""
     rows: list[dict] = []
     for name, manoeuvre in runs.manoeuvres.items():
         progress(f"indices of {name}")
@@ -210,7 +209,6 @@ def _index_rows(
 
 
 def _runs_by_kind(records: Mapping[str, xr.Dataset], vessel: Vessel) -> _Runs:
-    """Standard manoeuvres, stopping tests and spirals; TrialError if there is none."""
     ship_time = vessel.particulars.ship_time
     recognised, facilities = recognise_by_facility(list(records.values()), vessel)
     manoeuvres = {name: kind for name, kind in zip(records, recognised, strict=True) if kind is not None}
@@ -236,7 +234,6 @@ def _runs_by_kind(records: Mapping[str, xr.Dataset], vessel: Vessel) -> _Runs:
 
 
 def _order_remarks(runs: _Runs) -> list[str]:
-    """Remarks on the begin of times and distances, each with its runs."""
     begins: dict[str, list[str]] = {}
     for name, manoeuvre in runs.manoeuvres.items():
         sentence = order_sentence(runs.delays[name], manoeuvre.approach_speed or np.nan)
@@ -314,7 +311,6 @@ def _currents_of_circles(
 
 
 def _mean_current(currents: Sequence[DriftCurrent]) -> DriftCurrent:
-    """Mean of the currents of circles, with their uncertainty and their scatter."""
     velocities, sds = (np.array([getattr(current, key) for current in currents]) for key in ("velocity", "sd"))
     scatter = velocities.std(axis=0, ddof=1) if len(currents) > 1 else np.zeros(2)
     sd = np.hypot(np.sqrt(np.mean(sds**2, axis=0)), scatter)
