@@ -122,13 +122,9 @@ def _fit_arguments(
     vessel = model_argument(args.vessel, progress)
     trials, _ = validated_trials(paths, args.format, vessel, args, progress)
     for path, trial in zip(paths, trials, strict=True):
-        if sentence := _unmodelled_roll(trial, vessel):
+        if sentence := unmodelled_roll_text(nonzero_channels(trial), vessel.dofs):
             progress(f"{path}: {sentence}", remark=True)
     return trials, vessel
-
-
-def _unmodelled_roll(trial: xr.Dataset, vessel: Vessel) -> str:
-    return "" if "roll" in vessel.dofs else unmodelled_roll_text(nonzero_channels(trial))
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:

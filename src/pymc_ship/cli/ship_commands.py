@@ -159,25 +159,18 @@ def _ship_of(args: argparse.Namespace, rng: np.random.Generator, progress: Progr
 
 def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | dict[str, xr.DataTree]:
     """Joint posterior of a file, or the posteriors by DOF that `regress` wrote."""
-    if path.suffix in FILES:
-        return _of_vessel(read_posterior(path), path, vessel)
-    return {dof: _posterior(path, dof, family, vessel) for dof in vessel.dofs}
-
-
-def _posterior(folder: Path, dof: str, family: str, vessel: Vessel) -> xr.DataTree:
-    path = folder / f"{dof}-{family}.nc"
-    tree = read_posterior(path)
-    if tree.attrs.get("dof") != dof:
-        raise ValueError(
-            f"{path} must be a posterior of {dof}, found one of {tree.attrs.get('dof')}; run `pymc-ship regress` first."
-        )
-    return _of_vessel(tree, path, vessel)
-
-
-def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
-    """The posterior itself; VesselError for that of another vessel."""
-    check_same_vessel("The posterior", tree.attrs, vessel, f" in {path}")
-    return tree
+    joint = path.suffix in FILES
+    files = {"joint": path} if joint else {dof: path / f"{dof}-{family}.nc" for dof in vessel.dofs}
+    trees: dict[str, xr.DataTree] = {}
+    for dof, file in files.items():
+        trees[dof] = read_posterior(file)
+        found = trees[dof].attrs.get("dof")
+        if not joint and found != dof:
+            raise ValueError(
+                f"{file} must be a posterior of {dof}, found one of {found}; run `pymc-ship regress` first."
+            )
+        check_same_vessel("The posterior", trees[dof].attrs, vessel, f" in {file}")
+    return trees["joint"] if joint else trees
 
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:

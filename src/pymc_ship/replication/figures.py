@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from pymc_ship.diagnostics.figures import arviz_figure
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.tune import TunedPrior
 from pymc_ship.pages.drawing import DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, RUST, house_style, subplots
@@ -180,25 +181,14 @@ def tuning(tuned: Mapping[str, TunedPrior]) -> Figure:
     return fig
 
 
-@house_style
 def arviz_panels(
     plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapping[str, str], **settings: Any
 ) -> Figure:
     """One panel for one coefficient of each tree, drawn by ArviZ."""
-    import arviz as az
-    import matplotlib.pyplot as plt
-
     draws = {
         f"{coefficients[dof]} · 1e5": 1e5
         * tree["posterior"].dataset["coefficients"].sel(coefficient=coefficients[dof], drop=True)
         for dof, tree in trees.items()
     }
     together = xr.DataTree.from_dict({"posterior": xr.Dataset(draws)})
-    with plt.ioff():
-        panels = getattr(az, plot)(
-            together, backend="matplotlib", col_wrap=2, figure_kwargs={"figsize": (8.0, 4.2)}, **settings
-        )
-        fig = panels.get_viz("figure")
-        fig.set_layout_engine("constrained")
-        plt.close(fig)
-    return fig
+    return arviz_figure(plot, together, (8.0, 4.2), col_wrap=2, **settings)

@@ -220,10 +220,10 @@ def default_channels(*, rolling: bool = True) -> tuple[str, ...]:
     return channel_names(lambda channel: channel.fitted and (rolling or not channel.rolling))
 
 
-def unmodelled_roll_text(recorded: Iterable[str]) -> str:
-    """Sentence on recorded roll that a model without roll ignores; empty without recorded roll."""
+def unmodelled_roll_text(recorded: Iterable[str], dofs: Iterable[str]) -> str:
+    """Sentence on recorded roll that a model of these degrees of freedom ignores; empty if it ignores none."""
     labels = [CHANNELS[name].label for name in recorded if name in CHANNELS and CHANNELS[name].rolling]
-    if not labels:
+    if "roll" in dofs or not labels:
         return ""
     return (
         f"The record has {' and '.join(labels)}, but the vessel file has no coefficients of roll: roll is neither "

@@ -26,11 +26,8 @@ from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
 _SMALLEST_GAMMA = 1e-200  # keeps draws of the noise variance finite for shapes near 0
-_LARGEST = {
-    "mean": 1e100,
-    "kappa": 1e200,
-    "shape": 1e15,
-}  # in size: squares are numbers, and the rows are not lost to rounding
+# largest sizes: squares stay finite, and the rows are not lost to rounding
+_LARGEST = {"mean": 1e100, "kappa": 1e200, "shape": 1e15, "scale": math.inf}
 _FAR = 10.0  # prior standard deviations of a fitted response
 _MOST_ROWS = 8  # coefficients in the text of a posterior
 
@@ -79,20 +76,9 @@ class Prior(ABC):
     def __post_init__(self) -> None:
         for name in ("mean", "kappa", "shape", "scale"):
             value = _numbers(name, getattr(self, name))
-            least, most = (
-                (value, value) if isinstance(value, float) else (value.min(initial=1.0), value.max(initial=1.0))
-            )
-            fault = ""
-            if np.ndim(value) > (1 if name in ("mean", "kappa") else 0) or not (
-                math.isfinite(least) and math.isfinite(most)
-            ):
-                fault = "must be finite, found {}; give a plain number"
-            elif name != "mean" and least <= 0.0:
-                fault = "must be positive, found {}; raise it above 0"
-            elif max(-least, most) > _LARGEST.get(name, np.inf):
-                fault = f"must be at most {_LARGEST[name]:g} in size, found {{}}; reduce it"
-            if fault:
-                raise InferenceError(f"The prior's {name} {fault.format(np.asarray(value).tolist())}.")
+            if rule := _broken_rule(name, value):
+                found = np.asarray(value).tolist()
+                raise InferenceError(f"The prior's {name} must be {rule[0]}, found {found}; {rule[1]}.")
             object.__setattr__(self, name, value)
 
     def __eq__(self, other: object) -> bool:
@@ -373,6 +359,19 @@ def warn_of_units(data: RegressionData, prior: Prior) -> None:
             )
     if text:
         warnings.warn(text, UserWarning, stacklevel=3)
+
+
+def _broken_rule(name: str, value: float | np.ndarray) -> tuple[str, str] | None:
+    """What a hyperparameter must be and is not, with the remedy; None if it can be used."""
+    least, most = (value, value) if isinstance(value, float) else (value.min(initial=1.0), value.max(initial=1.0))
+    n_dims = 1 if name in ("mean", "kappa") else 0
+    if np.ndim(value) > n_dims or not (math.isfinite(least) and math.isfinite(most)):
+        return "finite", "give a plain number"
+    if name != "mean" and least <= 0.0:
+        return "positive", "raise it above 0"
+    if max(-least, most) > _LARGEST[name]:
+        return f"at most {_LARGEST[name]:g} in size", "reduce it"
+    return None
 
 
 def _numbers(name: str, value: object) -> float | np.ndarray:

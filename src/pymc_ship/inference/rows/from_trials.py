@@ -81,7 +81,9 @@ def regression_data(
     from pymc_ship.records.denoising.derivative import DERIVATIVES
 
     check_choice("The derivative", derivative, (*DERIVATIVES, *WEAK))
-    trials, terms = _by_run(trial), vessel.terms(dof)
+    trials, terms = numbered_trials(trial), vessel.terms(dof)
+    if not trials:
+        raise InferenceError("Rows come from one trial or several, found none; give them.")
     rows_of = _weak_rows if derivative in WEAK else _difference_rows
     parts = []
     for one in trials.values():
@@ -107,13 +109,6 @@ def regression_data(
         derivative=derivative,
         **quality_flags(list(trials.values()), list(trials) if len(trials) > 1 else ()),
     )
-
-
-def _by_run(trials: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    by_run = numbered_trials(trials)
-    if not by_run:
-        raise InferenceError("Rows come from one trial or several, found none; give them.")
-    return by_run
 
 
 def _difference_rows(

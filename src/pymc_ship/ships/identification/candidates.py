@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from pymc_ship.inference.captive.fit import CaptiveFit, fit_captive, with_discrepancy
 from pymc_ship.inference.rows.weak_form import weak_form_start
-from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood, coefficient_prior, wide_prior
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_prior, wide_prior
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.sequential_likelihood import (
     EarlierLikelihood,
@@ -86,12 +86,6 @@ class Candidate:
     def __repr__(self) -> str:
         return f"Candidate({self.name!r}, weight {self.weight:.3g}, {len(self.draws)} draws)"
 
-    @property
-    def gaussian_likelihood(self) -> GaussianLikelihood:
-        """Likelihood of the windows, earlier runs and captive tests."""
-        windows = window_likelihood(self.fit, self.fit.prior, self.inflation)
-        return joint_likelihood([self.prior.likelihood, windows]) or windows
-
     def densities(self, earlier: Mapping[str, EarlierLikelihood]) -> np.ndarray:
         """Log predictive density of earlier and present runs, (n_runs,)."""
         old = [earlier[self.name].log_density] if self.name in earlier else []
@@ -100,7 +94,9 @@ class Candidate:
     def likelihood(self, earlier: Mapping[str, EarlierLikelihood]) -> EarlierLikelihood:
         """Likelihood of earlier and present runs, for later identifications."""
         names, prior = tuple(coefficient_names(self.vessel)), self.prior
-        return EarlierLikelihood(names, self.gaussian_likelihood, self.densities(earlier), prior.mean, prior.scale)
+        windows = window_likelihood(self.fit, self.fit.prior, self.inflation)
+        joint = joint_likelihood([prior.likelihood, windows]) or windows
+        return EarlierLikelihood(names, joint, self.densities(earlier), prior.mean, prior.scale)
 
     def member(self, earlier: Mapping[str, EarlierLikelihood]) -> Member:
         """Member of the ensemble with this term set."""

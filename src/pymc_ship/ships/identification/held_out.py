@@ -165,7 +165,7 @@ def unscored_run_remarks(
         if manoeuvre is None
     ]
     recorded = dict.fromkeys(name for trial in trials.values() for name in nonzero_channels(trial))
-    roll_remark = "" if "roll" in vessel.dofs else unmodelled_roll_text(recorded)
+    roll_remark = unmodelled_roll_text(recorded, vessel.dofs)
     return [*remarks, roll_remark] if roll_remark else remarks
 
 

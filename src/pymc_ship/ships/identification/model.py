@@ -362,34 +362,15 @@ def _index_noise(training: Training, rng: np.random.Generator) -> list[dict[str,
 def _validation_rows(
     candidates: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
 ) -> tuple[list[dict], list[dict]]:
-    """Indices of held-out runs by the fits to the others, and of the harder runs by those to the milder ones."""
+    """Indices of held-out runs by the fits to the others, and of the harder runs by those to the milder ones.
+
+    The latter with their distance ``beyond`` the milder runs.
+    """
     noise = _index_noise(training, rng)
-    rows = _held_out_indices(candidates, training, names, noise, rng) if len(names) > 1 else []
-    return rows, _harder_indices(candidates, training, names, noise, rng)
-
-
-def _held_out_indices(
-    candidates: Sequence[Candidate],
-    training: Training,
-    names: Sequence[str],
-    noise: Sequence[Mapping[str, float]],
-    rng: np.random.Generator,
-) -> list[dict]:
-    rows = []
-    for k in range(len(names)):
+    rows: list[dict] = []
+    for k in range(len(names)) if len(names) > 1 else ():
         rows += _forecast_of_run(k, names[k], training, [(one, one.held_out, k) for one in candidates], noise[k], rng)
-    return rows
-
-
-def _harder_indices(
-    candidates: Sequence[Candidate],
-    training: Training,
-    names: Sequence[str],
-    noise: Sequence[Mapping[str, float]],
-    rng: np.random.Generator,
-) -> list[dict]:
-    """Indices of the harder manoeuvres, forecast by the fits to the milder runs, with their distance from these."""
-    rows = []
+    harder_rows: list[dict] = []
     milder = [trial for k, trial in enumerate(training.trials) if k not in training.harder]
     for fold, k in enumerate(training.harder):
         folds = [(one, one.milder, fold) for one in candidates if one.milder is not None]
@@ -397,8 +378,8 @@ def _harder_indices(
         motion = _motion(replace(training, trials=milder), vessel, None)
         beyond = float(np.nanmax(extrapolation(vessel, training.trials[k], motion)["distance"]))
         forecasts = _forecast_of_run(k, names[k], training, folds, noise[k], rng)
-        rows += [row | {"beyond": beyond} for row in forecasts]
-    return rows
+        harder_rows += [row | {"beyond": beyond} for row in forecasts]
+    return rows, harder_rows
 
 
 def _forecast_of_run(
