@@ -174,10 +174,7 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
-def write_csv(
-    path: Path, header: Sequence[str], rows: Iterable[Sequence], args: argparse.Namespace, remark: str = ""
-) -> None:
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence], args: argparse.Namespace) -> None:
     """Write rows under a header, with the command as a comment."""
-    remarks = [f"# {text}" for text in (made_by(args), remark) if text]
-    lines = [*remarks, ",".join(header), *(",".join(map(str, row)) for row in rows)]
+    lines = [f"# {made_by(args)}", ",".join(header), *(",".join(map(str, row)) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -175,7 +175,6 @@ def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | di
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Forecast manoeuvres and write the page; the text has indices and probabilities of the IMO criteria."""
-    from pymc_ship.ships.forecasting.forecast import known_facility, recorded_forecast
     from pymc_ship.ships.forecasting.page import measured_doubts, write_forecast_page
     from pymc_ship.ships.forecasting.steady_turns import spiral_sentence, steady_turns
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
@@ -199,34 +198,39 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     trees, text = {}, []
     for label, manoeuvre in wanted.items():
         progress(f"forecasting the {label}")
-        settings = {"duration": args.duration, "draws": args.draws, "rng": rng}
-        around = {"n": args.n, "wind": args.wind, "current": args.current}
-        stated = [args.facility, *around.values()]
         rng.bit_generator.state = state  # the same random numbers for every manoeuvre
-        if label in measured and all(one is None for one in stated):
-            trees[label] = recorded_forecast(ship, *measured[label], **settings)
-        else:
-            at = known_facility(ship, measured[label][1]) if label in measured else None
-            facility = args.facility or at
-            trees[label] = ps.forecast(ship, manoeuvre, facility=facility, **settings, **around)
-        reference = _reference(manoeuvre, source.reference, trees[label], **around)
+        trees[label] = _forecast(args, ship, manoeuvre, measured.get(label), rng)
+        reference = _reference(manoeuvre, source.reference, trees[label], **_surroundings(args))
         text.append(_text(trees[label], label, measured, ship.vessel, reference))
     text += [spiral_sentence(turns)] if turns is not None else []
     text += [stopping_sentence(stop)] if stop is not None else []
     trials = {label: trial for label, (_, trial) in measured.items()}
-    page = write_forecast_page(
-        ship,
-        trees,
-        out,
-        vessel=source.vessel,
-        measured=trials,
-        turns=turns,
-        stop=stop,
-        command=made_by(args),
-        progress=progress,
-    )
+    settings: dict[str, Any] = {"vessel": source.vessel, "measured": trials, "turns": turns, "stop": stop}
+    page = write_forecast_page(ship, trees, out, **settings, command=made_by(args), progress=progress)
     text.append("\n".join(measured_doubts(trials, trees)))
     return "\n\n".join(filter(None, text)), page
+
+
+def _surroundings(args: argparse.Namespace) -> dict[str, Any]:
+    """Revolutions, wind and current that a command states."""
+    return {"n": args.n, "wind": args.wind, "current": args.current}
+
+
+def _forecast(
+    args: argparse.Namespace,
+    ship: Ship,
+    manoeuvre: Manoeuvre,
+    recorded: tuple[Manoeuvre, xr.Dataset] | None,
+    rng: np.random.Generator,
+) -> xr.DataTree:
+    """Forecast of a manoeuvre; that of a recorded one is at its facility, and in its wind if none is stated."""
+    from pymc_ship.ships.forecasting.forecast import known_facility, recorded_forecast
+
+    settings, around = {"duration": args.duration, "draws": args.draws, "rng": rng}, _surroundings(args)
+    if recorded is not None and all(one is None for one in (args.facility, *around.values())):
+        return recorded_forecast(ship, *recorded, **settings)
+    at = None if recorded is None else known_facility(ship, recorded[1])
+    return ps.forecast(ship, manoeuvre, facility=args.facility or at, **settings, **around)
 
 
 def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree, **around: Any) -> xr.Dataset | None:

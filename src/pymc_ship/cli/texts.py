@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from pymc_ship.records.checks.verdicts import Check
     from pymc_ship.ships.identification.model import ShipIdentification
 
+_MOST_ROWS = 60  # of a printed Monte-Carlo table
+
 
 class CoefficientRow(NamedTuple):
     """Estimate and reference value of a coefficient, prime values; the mean also in the systems bis and MMG."""
@@ -159,12 +161,13 @@ def design_text(result: xr.Dataset) -> str:
     return "\n\n".join(filter(None, [ratios, chosen, sentence_without_gain(result)]))
 
 
-def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str], most: int = 60) -> str:
+def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str]) -> str:
     """Main table of a Monte-Carlo study; a sentence if it is empty."""
     if not rows:
         return "The study has no results; the page shows the reasons."
-    lines = table_text(list(columns.values()), [[row[key] for key in columns] for row in rows[:most]])
-    return lines + (f"\n... and {len(rows) - most} more rows" if len(rows) > most else "")
+    lines = table_text(list(columns.values()), [[row[key] for key in columns] for row in rows[:_MOST_ROWS]])
+    more = len(rows) - _MOST_ROWS
+    return lines + (f"\n... and {more} more rows" if more > 0 else "")
 
 
 def forecast_text(tree: xr.DataTree, columns: Mapping[str, Mapping[Any, Any]]) -> str:

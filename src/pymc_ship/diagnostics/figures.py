@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator
 
 from pymc_ship.diagnostics import posterior_statistics, regression
 from pymc_ship.diagnostics.posterior_statistics import CI_PROB, E_BFMI_LIMIT, ENVELOPE, ESS_LIMIT, autocorrelation
-from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplots
+from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, house_style, subplots
 
 if TYPE_CHECKING:
     from arviz_stats.utils import ELPDData
@@ -40,12 +40,13 @@ def chosen_draws(tree: xr.DataTree, names: Sequence[str]) -> xr.DataTree:
     return xr.DataTree.from_dict(groups)
 
 
+@house_style
 def arviz_figure(plot: str, subject: object, size: tuple[float, float], **settings: Any) -> Figure:
     """Plot of ArviZ in the house style, closed in pyplot; ``size`` in inches."""
     import arviz as az
     import matplotlib.pyplot as plt
 
-    with matplotlib.rc_context(STYLE), plt.ioff():
+    with plt.ioff():
         panels = getattr(az, plot)(subject, backend="matplotlib", figure_kwargs={"figsize": size}, **settings)
         fig = panels.get_viz("figure")
         fig = fig.item() if isinstance(fig, np.ndarray | xr.DataArray) else fig
@@ -208,15 +209,15 @@ def _part(ax: Axes, dofs: np.ndarray) -> None:
         ax.axvline(edge, color=REFERENCE, lw=0.6)
 
 
+@house_style
 def pareto_k(loo: ELPDData) -> Figure:
     """Pareto k of every row with the limit of ArviZ."""
-    with matplotlib.rc_context(STYLE):
-        fig, axes = subplots(8.0, 2.8)
-        k = np.ravel(loo.pareto_k.values)
-        axes[0, 0].plot(np.arange(k.size), k, ".", color=BLUE, ms=4)
-        axes[0, 0].axhline(loo.good_k, color=REFERENCE, ls="--", lw=0.9, label=f"limit {loo.good_k:.2f}")
-        axes[0, 0].set(xlabel="row", ylabel="Pareto k")
-        axes[0, 0].legend()
+    fig, axes = subplots(8.0, 2.8)
+    k = np.ravel(loo.pareto_k.values)
+    axes[0, 0].plot(np.arange(k.size), k, ".", color=BLUE, ms=4)
+    axes[0, 0].axhline(loo.good_k, color=REFERENCE, ls="--", lw=0.9, label=f"limit {loo.good_k:.2f}")
+    axes[0, 0].set(xlabel="row", ylabel="Pareto k")
+    axes[0, 0].legend()
     return fig
 
 
@@ -229,32 +230,32 @@ def loo_pit(pit: xr.Dataset) -> Figure:
     return _label_axes(fig, "LOO-PIT", "ECDF minus uniform")
 
 
+@house_style
 def residuals(values: xr.DataArray, band: float) -> Figure:
     """Residuals over time and their autocorrelation with the band of white noise."""
     lags = min(40, values.size - 2)
     r = autocorrelation(values.values, lags)
-    with matplotlib.rc_context(STYLE):
-        fig, axes = subplots(8.0, 2.9, 1, 2, width_ratios=(1.5, 1.0))
-        axes[0, 0].plot(values["time"], 1e5 * values, color=BLUE, lw=0.8)
-        axes[0, 0].set(xlabel="time [s]", ylabel="residual · 10⁵ (prime)")
-        axes[0, 1].axhspan(-band, band, color=NOISE, alpha=0.5, lw=0, label="white noise, 95 %")
-        axes[0, 1].vlines(np.arange(1, lags + 1), 0.0, r, color=RUST, lw=1.4)
-        axes[0, 1].axhline(0.0, color=REFERENCE, lw=0.7)
-        axes[0, 1].set(xlabel="lag [rows]", ylabel="autocorrelation")
-        axes[0, 1].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    fig, axes = subplots(8.0, 2.9, 1, 2, width_ratios=(1.5, 1.0))
+    axes[0, 0].plot(values["time"], 1e5 * values, color=BLUE, lw=0.8)
+    axes[0, 0].set(xlabel="time [s]", ylabel="residual · 10⁵ (prime)")
+    axes[0, 1].axhspan(-band, band, color=NOISE, alpha=0.5, lw=0, label="white noise, 95 %")
+    axes[0, 1].vlines(np.arange(1, lags + 1), 0.0, r, color=RUST, lw=1.4)
+    axes[0, 1].axhline(0.0, color=REFERENCE, lw=0.7)
+    axes[0, 1].set(xlabel="lag [rows]", ylabel="autocorrelation")
+    axes[0, 1].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return fig
 
 
+@house_style
 def index_bands(rows: Sequence[tuple[str, Mapping[str, Mapping[str, float]]]]) -> Figure:
     """Bands of indices, a panel each: ``lower``, ``median`` and ``upper`` under prior and posterior."""
     colours = {"prior": NOISE, "posterior": BLUE}
-    with matplotlib.rc_context(STYLE):
-        fig, axes = subplots(8.0, 1.7 * ((len(rows) + 1) // 2), (len(rows) + 1) // 2, 2)
-        for ax, (label, bands) in zip(axes.flat, rows, strict=False):
-            for height, (of, band) in enumerate(reversed([*bands.items()])):
-                ax.plot([band["lower"], band["upper"]], [height, height], color=colours[of], lw=5.0)
-                ax.plot(band["median"], height, "|", color="black", ms=11.0)
-            ax.set_yticks(range(len(bands)), [*reversed([*bands])])
-            ax.set_ylim(-0.6, len(bands) - 0.4)
-            ax.set_xlabel(label)
+    fig, axes = subplots(8.0, 1.7 * ((len(rows) + 1) // 2), (len(rows) + 1) // 2, 2)
+    for ax, (label, bands) in zip(axes.flat, rows, strict=False):
+        for height, (of, band) in enumerate(reversed([*bands.items()])):
+            ax.plot([band["lower"], band["upper"]], [height, height], color=colours[of], lw=5.0)
+            ax.plot(band["median"], height, "|", color="black", ms=11.0)
+        ax.set_yticks(range(len(bands)), [*reversed([*bands])])
+        ax.set_ylim(-0.6, len(bands) - 0.4)
+        ax.set_xlabel(label)
     return fig

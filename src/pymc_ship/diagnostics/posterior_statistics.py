@@ -246,8 +246,8 @@ def determination_labels(results: xr.Dataset) -> np.ndarray:
     return np.where(results["determined"], "determined", np.where(results["is_contracted"], "includes zero", "prior"))
 
 
-def loadings(vector: np.ndarray, names: Sequence[str], count: int) -> str:
-    """The largest loadings of a direction with their names; the sign makes the largest positive."""
-    order = np.argsort(-np.abs(vector))[:count]
+def loadings(vector: np.ndarray, names: Sequence[str]) -> str:
+    """The four largest loadings of a direction with their names; the sign makes the largest positive."""
+    order = np.argsort(-np.abs(vector))[:4]
     turned = vector * np.sign(vector[order[0]])
     return " ".join(f"{turned[k]:+.2f} {names[k]}" for k in order)

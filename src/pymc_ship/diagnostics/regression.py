@@ -25,6 +25,7 @@ REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
 _PREDICTIVE = ("prior", "prior_predictive", "posterior_predictive")  # groups of with_predictive
 _NOISE = {"noise_variance": ("chain", "draw")}  # checked where a tree has it
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
+_WIDTH_DRAWS, _RATIO_DRAWS = 20000, 400  # draws of the prior for the widths of sigma2, and for the predicted rms
 
 
 def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
@@ -139,7 +140,7 @@ def _prior_variance(tree: xr.DataTree, data: RegressionData) -> np.ndarray:
     return np.square(0.5 / SD_LIMIT * np.diff(np.quantile(draws, TAILS, axis=0), axis=0)[0])
 
 
-def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
+def singular_directions(tree: xr.DataTree) -> list[dict]:
     """Directions of the scaled design from the weakest: ``singular_value``, ``data_precision``, ``direction``.
 
     The columns are multiplied by the prior sd. The data's share of the posterior precision along a direction of
@@ -152,7 +153,7 @@ def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
     s = np.append(s, np.zeros(data.n_terms - s.size))
     rows = []
     for value, vector in zip(s[::-1], right[::-1], strict=True):
-        text = posterior_statistics.loadings(vector, data.coefficients, loadings)
+        text = posterior_statistics.loadings(vector, data.coefficients)
         rows.append(
             {"singular_value": float(value), "data_precision": float(value**2 / (value**2 + 1.0)), "direction": text}
         )
@@ -177,10 +178,10 @@ def loo_pit(tree: xr.DataTree, loo: ELPDData) -> xr.Dataset:
     return az.loo_pit(tree, var_names="response", pareto_pit=True, **smoothed)
 
 
-def loo_pit_coverage(pit: xr.Dataset, probabilities: tuple[float, ...] = (0.5, CI_PROB)) -> list[float]:
-    """Fraction of the rows inside central leave-one-out intervals."""
+def loo_pit_coverage(pit: xr.Dataset) -> list[float]:
+    """Fraction of the rows inside the central leave-one-out intervals of 50 and 95 %."""
     distance = np.abs(pit["response"].values - 0.5)
-    return [float(np.mean(distance <= 0.5 * probability)) for probability in probabilities]
+    return [float(np.mean(distance <= 0.5 * probability)) for probability in (0.5, CI_PROB)]
 
 
 def with_posterior_predictive(tree: xr.DataTree, rng: np.random.Generator) -> xr.DataTree:
@@ -207,20 +208,20 @@ def prior_noise_variance(tree: xr.DataTree, draws: int, rng: np.random.Generator
     return json.loads(tree.attrs["scaling"])["response_scale"] ** 2 * prior.draw_noise_variance(rng, (draws,))
 
 
-def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: int = 20000) -> tuple[float, float]:
+def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator) -> tuple[float, float]:
     """Widths of the central 95 % of log10 sigma2 under the prior and under the posterior."""
-    both = prior_noise_variance(tree, draws, rng), tree["posterior"].dataset["noise_variance"].values
+    both = prior_noise_variance(tree, _WIDTH_DRAWS, rng), tree["posterior"].dataset["noise_variance"].values
     prior, posterior = (float(np.diff(np.log10(np.quantile(values, TAILS)))[0]) for values in both)
     return prior, posterior
 
 
-def prior_predictive_ratio(tree: xr.DataTree, rng: np.random.Generator, draws: int = 400) -> np.ndarray:
+def prior_predictive_ratio(tree: xr.DataTree, rng: np.random.Generator) -> np.ndarray:
     """Root mean square of the response under prior draws over that of the record, 5, 50 and 95 %, shape (3,)."""
     data, errors, prior = data_of(tree), errors_of(tree), prior_of(tree)
     if prior is None or errors == OWN:
         response = tree["prior_predictive"].dataset["response"].values[0]
     else:
-        parameters = prior_draws(data, prior, draws, rng=rng, errors=errors)
+        parameters = prior_draws(data, prior, _RATIO_DRAWS, rng=rng, errors=errors)
         response = predictive(data, parameters, rng=rng, errors=errors)["response"].values[0]
     scaled = (response - data.response_center) / data.response_scale
     observed = np.sqrt(np.mean(data.scaled_response**2))

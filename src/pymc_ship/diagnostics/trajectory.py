@@ -66,7 +66,7 @@ def dofs(tree: xr.DataTree) -> list[str]:
     return [MODULAR_GROUP] * len(begins) if not letters.keys() >= {*begins} else [letters[letter] for letter in begins]
 
 
-def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
+def directions(tree: xr.DataTree) -> xr.Dataset:
     """Directions of the coefficients, the least known first, with the remaining prior variance along each.
 
     Principal directions of one half of the draws, in prior standard deviations, and the variance of the other half
@@ -93,7 +93,7 @@ def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
         "n_effective": float(dataset["contraction"].values[proper].sum()),
         "n_flat": int(np.sum(~proper)),
     }
-    text = [posterior_statistics.loadings(right[k], names, loadings) for k in order]
+    text = [posterior_statistics.loadings(right[k], names) for k in order]
     return xr.Dataset({"remaining_variance": ("direction", remaining[order]), "text": ("direction", text)}, attrs=attrs)
 
 

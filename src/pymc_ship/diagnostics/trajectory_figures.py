@@ -15,7 +15,7 @@ from pymc_ship.diagnostics import trajectory
 from pymc_ship.diagnostics.figures import forest_of
 from pymc_ship.diagnostics.posterior_statistics import CONTRACTION_LIMIT, SD_LIMIT
 from pymc_ship.inference.identifiability.information import UNKNOWN
-from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplots
+from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, house_style, subplots
 from pymc_ship.trial.channels import CHANNELS
 
 LAGS = 40  # lags of the autocorrelation drawn, in blocks
@@ -23,6 +23,7 @@ QUANTILES = 400  # quantiles drawn of the residuals of a channel
 _DETERMINATION_COLOURS = {"determined": BLUE, "includes zero": "#8fb7d8", "prior": RUST}
 
 
+@house_style
 def motion_figure(tree: xr.DataTree, run: int) -> Figure:
     """Measured and fitted block means of every channel of a run, residuals below, and the rudder."""
     dataset, constant = trajectory.residuals(tree), tree["constant_data"].dataset
@@ -30,22 +31,21 @@ def motion_figure(tree: xr.DataTree, run: int) -> Figure:
     one, time = dataset["residual"].isel(row=rows), dataset["time"].values[rows]
     names = [str(name) for name in one["channel"].values if np.isfinite(one.sel(channel=name)).all()]
     shifted = ", sensor offset included" if "sensor_offset" in tree["posterior"] else ""
-    with matplotlib.rc_context(STYLE):
-        fig, pairs, rudder = _motion_panels(len(names))
-        for (ax, below), name in zip(pairs, names, strict=True):
-            factor = CHANNELS[name].unit.display_factor
-            measured = tree["observed_data"].dataset["response"].sel(channel=name)[rows]
-            residual = one.sel(channel=name)
-            fitted = measured - residual * constant["block_sd"].isel(run_index=run).sel(channel=name)
-            ax.plot(time, factor * measured, ".", color=NOISE, ms=2.0, label="measured, block means")
-            ax.plot(time, factor * fitted, color=BLUE, label=f"fitted{shifted}")
-            ax.set_ylabel(CHANNELS[name].short_axis)
-            below.plot(time, residual, ".", color=RUST, ms=1.5)
-            below.axhline(0.0, color=REFERENCE, lw=0.7)
-            below.set_ylabel("residual [sd]")
-        rudder.plot(time, np.rad2deg(constant["motion"].sel(symbol="delta").values[rows]), color=REFERENCE)
-        rudder.set_ylabel(CHANNELS["delta"].axis)
-        fig.legend(*pairs[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=2, markerscale=3.0)
+    fig, pairs, rudder = _motion_panels(len(names))
+    for (ax, below), name in zip(pairs, names, strict=True):
+        factor = CHANNELS[name].unit.display_factor
+        measured = tree["observed_data"].dataset["response"].sel(channel=name)[rows]
+        residual = one.sel(channel=name)
+        fitted = measured - residual * constant["block_sd"].isel(run_index=run).sel(channel=name)
+        ax.plot(time, factor * measured, ".", color=NOISE, ms=2.0, label="measured, block means")
+        ax.plot(time, factor * fitted, color=BLUE, label=f"fitted{shifted}")
+        ax.set_ylabel(CHANNELS[name].short_axis)
+        below.plot(time, residual, ".", color=RUST, ms=1.5)
+        below.axhline(0.0, color=REFERENCE, lw=0.7)
+        below.set_ylabel("residual [sd]")
+    rudder.plot(time, np.rad2deg(constant["motion"].sel(symbol="delta").values[rows]), color=REFERENCE)
+    rudder.set_ylabel(CHANNELS["delta"].axis)
+    fig.legend(*pairs[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=2, markerscale=3.0)
     return fig
 
 
@@ -85,39 +85,39 @@ def _series(dataset: xr.Dataset, name: str) -> Iterator[tuple[int, np.ndarray]]:
             yield int(run), values
 
 
+@house_style
 def autocorrelation_figure(dataset: xr.Dataset) -> Figure:
     """Autocorrelation of the whitened residuals of every channel, a line for each run, with the band of white noise."""
-    with matplotlib.rc_context(STYLE):
-        fig, panels = _channel_panels(dataset, 2.0, "autocorrelation")
-        for ax, name in panels:
-            for run, values in _series(dataset, name):
-                lags = min(LAGS, values.size - 2)
-                interval = float(np.diff(dataset["time"].values[dataset["run"].values == run]).mean())
-                seconds = interval * np.arange(1, lags + 1)
-                band = 1.96 / np.sqrt(values.size)
-                ax.fill_between(seconds, -band, band, color=NOISE, alpha=0.35, lw=0, label="white noise, 95 %")
-                ax.plot(seconds, statistics.autocorrelation(values, lags), ".-", lw=0.8, ms=3, label=f"run {run + 1}")
-            ax.axhline(0.0, color=REFERENCE, lw=0.7)
-            ax.set_xlabel("lag [s]")
-        handles, labels = panels[0][0].get_legend_handles_labels()
-        shown = dict(zip(labels, handles, strict=True))
-        fig.legend(shown.values(), shown, loc="outside upper center", ncols=6)
+    fig, panels = _channel_panels(dataset, 2.0, "autocorrelation")
+    for ax, name in panels:
+        for run, values in _series(dataset, name):
+            lags = min(LAGS, values.size - 2)
+            interval = float(np.diff(dataset["time"].values[dataset["run"].values == run]).mean())
+            seconds = interval * np.arange(1, lags + 1)
+            band = 1.96 / np.sqrt(values.size)
+            ax.fill_between(seconds, -band, band, color=NOISE, alpha=0.35, lw=0, label="white noise, 95 %")
+            ax.plot(seconds, statistics.autocorrelation(values, lags), ".-", lw=0.8, ms=3, label=f"run {run + 1}")
+        ax.axhline(0.0, color=REFERENCE, lw=0.7)
+        ax.set_xlabel("lag [s]")
+    handles, labels = panels[0][0].get_legend_handles_labels()
+    shown = dict(zip(labels, handles, strict=True))
+    fig.legend(shown.values(), shown, loc="outside upper center", ncols=6)
     return fig
 
 
+@house_style
 def quantiles_figure(dataset: xr.Dataset) -> Figure:
     """Quantiles of the whitened residuals of every channel against those of the standard normal."""
     from scipy.stats import norm
 
-    with matplotlib.rc_context(STYLE):
-        fig, panels = _channel_panels(dataset, 2.4, "residual quantile [sd]")
-        for ax, name in panels:
-            for run, values in _series(dataset, name):
-                points = (np.arange(min(values.size, QUANTILES)) + 0.5) / min(values.size, QUANTILES)
-                ax.plot(norm.ppf(points), np.quantile(values, points), ".", ms=3, label=f"run {run + 1}")
-            ax.axline((0.0, 0.0), slope=1.0, color=REFERENCE, ls="--", lw=0.9, label="normal")
-            ax.set_xlabel("standard normal quantile")
-        fig.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=6, markerscale=2.0)
+    fig, panels = _channel_panels(dataset, 2.4, "residual quantile [sd]")
+    for ax, name in panels:
+        for run, values in _series(dataset, name):
+            points = (np.arange(min(values.size, QUANTILES)) + 0.5) / min(values.size, QUANTILES)
+            ax.plot(norm.ppf(points), np.quantile(values, points), ".", ms=3, label=f"run {run + 1}")
+        ax.axline((0.0, 0.0), slope=1.0, color=REFERENCE, ls="--", lw=0.9, label="normal")
+        ax.set_xlabel("standard normal quantile")
+    fig.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=6, markerscale=2.0)
     return fig
 
 
@@ -172,18 +172,18 @@ def contraction_figure(dataset: xr.Dataset) -> Figure:
     return fig
 
 
+@house_style
 def directions_figure(dataset: xr.Dataset) -> Figure:
     """Share of the prior variance left along every direction, the least known first."""
     remaining = dataset["remaining_variance"].values
-    with matplotlib.rc_context(STYLE):
-        fig, axes = subplots(8.0, 2.6)
-        ax, position = axes[0, 0], np.arange(1, remaining.size + 1)
-        for which, colour, label in (
-            (remaining > UNKNOWN, RUST, "stays unknown"),
-            (remaining <= UNKNOWN, BLUE, "determined by the records"),
-        ):
-            ax.semilogy(position[which], remaining[which], ".", color=colour, ms=5, label=label)
-        ax.axhline(UNKNOWN, color=REFERENCE, ls="--", lw=0.9)
-        ax.set(xlabel="direction, the least known first", ylabel="posterior over prior variance")
-        ax.legend()
+    fig, axes = subplots(8.0, 2.6)
+    ax, position = axes[0, 0], np.arange(1, remaining.size + 1)
+    for which, colour, label in (
+        (remaining > UNKNOWN, RUST, "stays unknown"),
+        (remaining <= UNKNOWN, BLUE, "determined by the records"),
+    ):
+        ax.semilogy(position[which], remaining[which], ".", color=colour, ms=5, label=label)
+    ax.axhline(UNKNOWN, color=REFERENCE, ls="--", lw=0.9)
+    ax.set(xlabel="direction, the least known first", ylabel="posterior over prior variance")
+    ax.legend()
     return fig

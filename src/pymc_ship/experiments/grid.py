@@ -50,16 +50,11 @@ class Grid:
 
     Attributes
     ----------
-    ships, manoeuvres : dict
-        Vessels by name, and manoeuvres by label.
-    noise : dict of str to tuple of float
-        Levels of each kind of :data:`pymc_ship.records.files.noise.NOISES`.
-    methods : tuple of str
-        Keys of :data:`pymc_ship.experiments.task.METHODS` or of ``own``, the user-defined methods.
-    seeds, root_seed : int
-        Data sets of each cell, and root of every random number.
-    duration : float
-        Of each record [s].
+    ships, manoeuvres : dict; vessels by name, and manoeuvres by label
+    noise : dict of str to tuple of float; levels of each kind of :data:`pymc_ship.records.files.noise.NOISES`
+    methods : tuple of str; keys of :data:`pymc_ship.experiments.task.METHODS` or of ``own``, the user-defined methods
+    seeds, root_seed : int; data sets of each cell, and root of every random number
+    duration : float; of each record [s]
     """
 
     title: str

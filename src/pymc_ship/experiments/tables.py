@@ -115,23 +115,24 @@ class Sizes:
     build: float
 
 
-def plan_rows(costs: Costs, sizes: Sizes, tasks: int = BEYOND) -> list[dict]:
-    """Extrapolated costs of a study of so many tasks: quantity, value, unit, and ``measured``, their source."""
+def plan_rows(costs: Costs, sizes: Sizes) -> list[dict]:
+    """Extrapolated costs of a study of :data:`BEYOND` tasks: quantity, value, unit, and ``measured``, their source."""
     n, best = int(costs.sessions["tasks"].sum()), costs.longest
     cpu, seconds, parent = costs.mean("cpu"), costs.mean("seconds"), best["parent"]
     efficiency = best["seconds"] / (best["workers"] * best["wall"])
-    rows = [("processor time", tasks * cpu / 3600.0, "h", f"{cpu:.3g} s a task")]
+    rows = [("processor time", BEYOND * cpu / 3600.0, "h", f"{cpu:.3g} s a task")]
     for workers in sorted({best["workers"], *CORES}):
-        hours = tasks * max(seconds / efficiency / workers, parent) / 3600.0
+        hours = BEYOND * max(seconds / efficiency / workers, parent) / 3600.0
         basis = f"{seconds:.3g} s a task, workers {100.0 * efficiency:.3g} % busy, not faster than the parent"
         rows.append((f"time on {workers} cores", hours, "h", basis))
+    by_parent = f"{1e3 * parent:.3g} ms a task, by tasks that do nothing"
     rows += [
-        ("work of the parent", tasks * parent / 3600.0, "h", f"{1e3 * parent:.3g} ms a task, by tasks that do nothing"),
+        ("work of the parent", BEYOND * parent / 3600.0, "h", by_parent),
         ("workers that one parent can feed", seconds / parent, "", f"{seconds:.3g} s over {1e3 * parent:.3g} ms"),
-        ("storage", tasks * sizes.disk / n / 1e6, "MB", f"{sizes.disk / n:.3g} bytes a task"),
-        ("files", tasks * sizes.files / n, "", f"{sizes.files} for {n} tasks"),
-        ("sent to and from workers", tasks * sizes.sent / 1e9, "GB", f"{sizes.sent} bytes a task"),
-        ("tables from the parts", tasks * sizes.build / n, "s", f"{1e6 * sizes.build / n:.3g} µs a task"),
+        ("storage", BEYOND * sizes.disk / n / 1e6, "MB", f"{sizes.disk / n:.3g} bytes a task"),
+        ("files", BEYOND * sizes.files / n, "", f"{sizes.files} for {n} tasks"),
+        ("sent to and from workers", BEYOND * sizes.sent / 1e9, "GB", f"{sizes.sent} bytes a task"),
+        ("tables from the parts", BEYOND * sizes.build / n, "s", f"{1e6 * sizes.build / n:.3g} µs a task"),
     ]
     if sizes.memory is not None:
         basis = "the largest of this run; it does not grow with tasks"
@@ -139,10 +140,10 @@ def plan_rows(costs: Costs, sizes: Sizes, tasks: int = BEYOND) -> list[dict]:
     return [dict(zip(("quantity", "value", "unit", "measured"), row, strict=True)) for row in rows]
 
 
-def bottleneck(costs: Costs, tasks: int = BEYOND) -> str:
-    """Sentence on the bottleneck of a study of so many tasks."""
+def bottleneck(costs: Costs) -> str:
+    """Sentence on the bottleneck of a study of :data:`BEYOND` tasks."""
     seconds, parent = costs.mean("seconds"), costs.longest["parent"]
-    most, hours = seconds / parent, tasks * parent / 3600.0
+    most, hours = seconds / parent, BEYOND * parent / 3600.0
     return (
         f"Up to about {most:.2g} workers the cores are the bottleneck; beyond that it is the parent, which hands out "
         f"and keeps one result after the other, {1e3 * parent:.2g} ms each, {hours:.2g} h in all however many workers "

@@ -86,16 +86,11 @@ class Task:
 
     Attributes
     ----------
-    vessel, manoeuvre
-        Of the record, simulated in Euler steps of 0.02 s for ``duration`` [s].
-    noise, level
-        Key of :data:`pymc_ship.records.files.noise.NOISES`, and level as in :func:`pymc_ship.pollute`.
-    method : str
-        Key of :data:`METHODS`, or the name of ``own``, a user-defined method.
-    seed, root : int
-        Number of the data set, and root of every random number.
-    block : str
-        Part of the result in the store.
+    vessel, manoeuvre; of the record, simulated in Euler steps of 0.02 s for ``duration`` [s]
+    noise, level; key of :data:`pymc_ship.records.files.noise.NOISES`, and level as in :func:`pymc_ship.pollute`
+    method : str; key of :data:`METHODS`, or the name of ``own``, a user-defined method
+    seed, root : int; number of the data set, and root of every random number
+    block : str; part of the result in the store
     """
 
     vessel: Vessel

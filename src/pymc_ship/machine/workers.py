@@ -22,6 +22,7 @@ RESTARTS = 5  # largest number of losses of workers without a result in between
 MACHINE = (MemoryError, OSError)  # errors of the machine, after which a task is tried again
 # seconds: wait for a scheduler; between two counts of its workers; between two looks at the parent process
 _CONNECT, _LOOK, _WATCH = 10.0, 2.0, 0.5
+_BAR = 30  # characters of a progress bar
 
 
 class WorkersLostError(Exception):
@@ -199,7 +200,7 @@ def error_text(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def progress_bar(done: int, total: int, width: int = 30) -> str:
+def progress_bar(done: int, total: int) -> str:
     """Bar of the fraction of tasks that are done."""
-    filled = width * done // total
-    return f"{'█' * filled}{'░' * (width - filled)}"
+    filled = _BAR * done // total
+    return f"{'█' * filled}{'░' * (_BAR - filled)}"

@@ -23,18 +23,12 @@ class Page:
 
     Attributes
     ----------
-    file : str
-        Name of the page in its folder.
-    template : Path
-        Jinja template; ``_layout.html.j2``, ``_page.html.j2`` and templates of its folder can be used.
-    own : tuple of str
-        Patterns of the page's files; those of an earlier page are removed, other files stay.
-    packages : tuple of str
-        Packages whose versions are on the page.
-    digits : int, optional
-        Significant digits of numbers in CSV files; None for all.
-    tables : str
-        Folder of the CSV files.
+    file : str; name of the page in its folder
+    template : Path; Jinja template; ``_layout.html.j2``, ``_page.html.j2`` and templates of its folder can be used
+    own : tuple of str; patterns of the page's files; those of an earlier page are removed, other files stay
+    packages : tuple of str; packages whose versions are on the page
+    digits : int, optional; significant digits of numbers in CSV files; None for all
+    tables : str; folder of the CSV files
     """
 
     file: str
@@ -55,12 +49,9 @@ class Content:
         Values of the template, beside ``figures``, ``versions`` and ``sources``; text is escaped.
     figures : mapping of str to Figure or str
         A Figure is SVG in the page and a PNG file; a text, such as :func:`drawing.html_image`, is in the page alone.
-    rows : mapping of str to sequence of mapping
-        Tables for CSV files, by name; empty ones are not written.
-    files : mapping of str to callable
-        Writers of other files, by path in the folder; each takes the path to write to.
-    sources : sequence of str
-        References.
+    rows : mapping of str to sequence of mapping; tables for CSV files, by name; empty ones are not written
+    files : mapping of str to callable; writers of other files, by path in the folder; each takes the path to write to
+    sources : sequence of str; references
     """
 
     values: Mapping[str, object]

@@ -83,77 +83,38 @@ class Channel:
 
 _HEADINGS = {  # other names of each channel in files
     "time": (
-        *("t", "elapsed time", "timestamp", "time stamp", "datetime", "date time", "date/time", "utc", "utc time"),
-        *("time utc", "date/time utc", "gps time", "local time", "sec", "secs", "seconds", "stamp sec", "stamp secs"),
-        *("elapsed", "time since start", "date and time", "time of day", "clock", "clock time"),
-        *("header stamp sec", "header stamp secs", "field header stamp secs"),
+        "t, elapsed time, timestamp, time stamp, datetime, date time, date/time, utc, utc time, time utc, date/time "
+        "utc, gps time, local time, sec, secs, seconds, stamp sec, stamp secs, elapsed, time since start, date and "
+        "time, time of day, clock, clock time, header stamp sec, header stamp secs, field header stamp secs"
     ),
     "u": (
-        "stw",
-        "speed through water",
-        "log speed",
-        "u velo",
-        "surge",
-        "surge velocity",
-        "surge speed",
-        "longitudinal velocity",
-        "longitudinal speed",
-        "linear x",
+        "stw, speed through water, log speed, u velo, surge, surge velocity, surge speed, longitudinal velocity, "
+        "longitudinal speed, linear x"
     ),
-    "v": (
-        "vm velo",
-        "sway",
-        "sway velocity",
-        "sway speed",
-        "transverse velocity",
-        "transverse speed",
-        "lateral velocity",
-        "linear y",
-    ),
+    "v": "vm velo, sway, sway velocity, sway speed, transverse velocity, transverse speed, lateral velocity, linear y",
     "r": (
-        "turn rate",
-        "r angvelo",
-        "yaw rate",
-        "yawrate",
-        "yaw velocity",
-        "rate of turn",
-        "rot",
-        "yaw",
-        "heading rate",
-        "angular z",
-        "angular velocity z",
+        "turn rate, r angvelo, yaw rate, yawrate, yaw velocity, rate of turn, rot, yaw, heading rate, angular z, "
+        "angular velocity z"
     ),
-    "p": ("roll rate", "rollrate", "roll velocity", "roll", "angular x", "angular velocity x"),
-    "phi": ("roll", "roll angle", "heel", "heel angle", "φ"),
+    "p": "roll rate, rollrate, roll velocity, roll, angular x, angular velocity x",
+    "phi": "roll, roll angle, heel, heel angle, φ",
     "psi": (
-        "hdt",
-        "hdm",
-        "ths",
-        "true heading",
-        "heading true",
-        "gyro",
-        "gyro heading",
-        "psi hat",
-        "heading",
-        "heading angle",
-        "yaw",
-        "yaw angle",
-        "hdg",
-        "ψ",
+        "hdt, hdm, ths, true heading, heading true, gyro, gyro heading, psi hat, heading, heading angle, yaw, yaw "
+        "angle, hdg, ψ"
     ),
-    "x": ("x position mid", "x position", "x pos", "north", "northing", "position x"),
-    "y": ("y position mid", "y position", "y pos", "east", "easting", "position y"),
-    "delta": ("rsa", "actual rudder", "delta rudder", "rudder", "rudder angle", "δ"),
-    "n": ("n prop", "rpm", "rps", "propeller", "shaft", "revs", "revolutions", "propeller speed", "shaft speed"),
-    "thrust": ("propeller thrust",),
-    "torque": ("propeller torque", "shaft torque"),
-    "wind_speed": ("true wind speed", "wind velocity true", "wind velo true"),
-    "wind_direction": ("true wind direction", "wind direction true", "wind dir true"),
+    "x": "x position mid, x position, x pos, north, northing, position x",
+    "y": "y position mid, y position, y pos, east, easting, position y",
+    "delta": "rsa, actual rudder, delta rudder, rudder, rudder angle, δ",
+    "n": "n prop, rpm, rps, propeller, shaft, revs, revolutions, propeller speed, shaft speed",
+    "thrust": "propeller thrust",
+    "torque": "propeller torque, shaft torque",
+    "wind_speed": "true wind speed, wind velocity true, wind velo true",
+    "wind_direction": "true wind direction, wind direction true, wind dir true",
 }
 
 
 def _channel(name: str, unit: Unit, label: str, **settings: Any) -> Channel:
-    return Channel(name, unit, label, headings=_HEADINGS[name], **settings)
+    return Channel(name, unit, label, headings=tuple(_HEADINGS[name].split(", ")), **settings)
 
 
 def _motion(name: str, unit: Unit, label: str, size: float, **settings: Any) -> Channel:

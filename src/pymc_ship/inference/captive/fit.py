@@ -103,12 +103,37 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     f_alpha 2.55 ± 0.64 beforehand, 2.28 ± 0.50 now
     """
     vessel = as_vessel(vessel)
+    tests = _usable_tests(tests, vessel, prior)
+    names = coefficient_names(vessel)
+    column = names.index(NOMINAL_REVOLUTIONS) if NOMINAL_REVOLUTIONS in names and "n" in tests else None
+    scale = prior.scale.copy()
+    if column is not None:
+        scale[column] = max(scale[column], _REVOLUTIONS)
+    coefficients, sd, design, residuals = _mode(tests, vessel, replace(prior, scale=scale))
+    design_effect = _design_effect(design, residuals, np.tile(_groups(tests), len(sd)), scale)
+    design, residuals = design / np.sqrt(design_effect), residuals / np.sqrt(design_effect)
+    # design = Q R: the tests are equivalent to the rows R with response R b + Q' residuals
+    orthogonal, triangle = np.linalg.qr(design)
+    response = triangle @ coefficients + orthogonal.T @ residuals
+    precision = triangle.T @ triangle + np.diag(scale**-2.0)
+    size = np.sqrt(np.diag(precision))
+    covariance = np.linalg.inv(precision / np.outer(size, size)) / np.outer(size, size)
+    revolutions = 1.0
+    if column is not None and prior.scale[column] < _REVOLUTIONS:  # fixed for the ship, not on the carriage
+        revolutions = float(coefficients[column])
+        response = response - triangle[:, column] * (revolutions - 1.0)
+    likelihood = GaussianLikelihood(triangle, response)
+    return CaptiveFit(coefficients, covariance, likelihood, sd, design_effect, revolutions)
+
+
+def _usable_tests(tests: xr.Dataset, vessel: Vessel, prior: CoefficientPrior) -> xr.Dataset:
+    """Tests that the model can describe; TrialError or InferenceError for tests or a prior that no fit can use."""
     check_kind("Captive tests", tests, xr.Dataset, "read them by read_captive", TrialError)
     check_kind("The prior", prior, CoefficientPrior, "make one by coefficient_prior", InferenceError)
-    names = list(coefficient_names(vessel))
-    if prior.scale.size != len(names) or not np.isfinite(prior.scale).all():
+    size = len(coefficient_names(vessel))
+    if prior.scale.size != size or not np.isfinite(prior.scale).all():
         raise InferenceError(
-            f"A fit to captive tests takes a prior with a finite scale of the {len(names)} "
+            f"A fit to captive tests takes a prior with a finite scale of the {size} "
             f"coefficients of {vessel.name!r}, found {int(np.isfinite(prior.scale).sum())} of {prior.scale.size}; use "
             "coefficient_prior with order_damped."
         )
@@ -124,27 +149,14 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
             f"A polynomial model needs captive tests within {_NOMINAL:.0%} of the nominal revolutions, found none for "
             f"{vessel.name!r}; choose a modular model, or correct n of the propeller."
         )
-    column = names.index(NOMINAL_REVOLUTIONS) if NOMINAL_REVOLUTIONS in names and "n" in tests else None
-    scale = prior.scale.copy()
-    if column is not None:
-        scale[column] = max(scale[column], _REVOLUTIONS)
-    coefficients, sd, design, residuals = _mode(tests, vessel, replace(prior, scale=scale))
+    return tests
+
+
+def _groups(tests: xr.Dataset) -> np.ndarray:
+    """Number of the group of each test, whose errors are of one model: at one speed, with v, r and delta to one side."""
     speed = np.round(np.log(np.hypot(tests["u"].values, tests["v"].values)) / _SAME_SPEED)
     sides = [np.sign(np.round(tests[name].values, 9)) for name in ("v", "r", "delta")]
-    groups = np.unique(np.column_stack([speed, *sides]), axis=0, return_inverse=True)[1]  # at one speed, on one side
-    design_effect = _design_effect(design, residuals, np.tile(groups, len(sd)), scale)
-    design, residuals = design / np.sqrt(design_effect), residuals / np.sqrt(design_effect)
-    orthogonal, triangle = np.linalg.qr(design)
-    response = triangle @ coefficients + orthogonal.T @ residuals
-    precision = triangle.T @ triangle + np.diag(scale**-2.0)
-    size = np.sqrt(np.diag(precision))
-    covariance = np.linalg.inv(precision / np.outer(size, size)) / np.outer(size, size)
-    revolutions = 1.0
-    if column is not None and prior.scale[column] < _REVOLUTIONS:  # fixed for the ship, not on the carriage
-        revolutions = float(coefficients[column])
-        response = response - triangle[:, column] * (revolutions - 1.0)
-    likelihood = GaussianLikelihood(triangle, response)
-    return CaptiveFit(coefficients, covariance, likelihood, sd, design_effect, revolutions)
+    return np.unique(np.column_stack([speed, *sides]), axis=0, return_inverse=True)[1]
 
 
 def with_discrepancy(

@@ -70,24 +70,16 @@ class ShipIdentification:
 
     Attributes
     ----------
-    ship : Ship
-        For forecasts and later identifications.
-    vessel : Vessel
-        With the measured steering gear of the first facility.
-    names : tuple of str
-        Of the runs.
-    manoeuvres : tuple of Manoeuvre or None
-        Recognised manoeuvre of each run.
-    candidates : tuple of Candidate
-        By falling weight; those of weight 0 have no draws.
-    refusals : tuple of Refusal
-        Term sets that were left out.
+    ship : Ship; for forecasts and later identifications
+    vessel : Vessel; with the measured steering gear of the first facility
+    names : tuple of str; of the runs
+    manoeuvres : tuple of Manoeuvre or None; recognised manoeuvre of each run
+    candidates : tuple of Candidate; by falling weight; those of weight 0 have no draws
+    refusals : tuple of Refusal; term sets that were left out
     held_out_indices : Dataset, dims (run, index)
         Indices of held-out manoeuvres, with the ``sd`` of each error, including model error.
-    quality_flags : dict of str to str
-        Of the records.
-    captive : Dataset or None
-        Captive tests.
+    quality_flags : dict of str to str; of the records
+    captive : Dataset or None; captive tests
     """
 
     ship: Ship

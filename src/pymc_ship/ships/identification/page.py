@@ -91,6 +91,24 @@ REFUSED = Page(
 
 _REFUSALS = heads(str, terms="term set", manoeuvre="fails in") | heads(number(3), time="after [s]")
 _REFUSALS |= heads(str, fault="the ship")
+_RUNS = heads(str, run="run", manoeuvre="recognised as") | heads(fixed_point(0), duration="duration s")
+_RUNS |= heads(fixed_point(1), duration_L_U="in L/U") | heads(fixed_point(2), approach_speed="approach speed m/s")
+_RUNS |= heads(number(3), sampling="sampling interval s", fitted_at="interval of the fit s")
+_RUNS |= heads(fixed_point(0), checks="checks made") | heads(str, verdict="worst verdict")
+_INDICES = heads(str, run="run", manoeuvre="manoeuvre", index="index", unit="unit")
+_INDICES |= {key: (key, fixed_point(2)) for key in ("measured", "forecast", "error", "sd", "z")}
+_BEYOND = heads(fixed_point(1), beyond="ranges beyond the milder runs")
+_MODEL_ERROR = heads(str, kind="kind")
+_MODEL_ERROR |= heads(lambda value: fixed_point(1)(100.0 * value), median="sd [%]", upper="95 % below")
+_MODEL_ERROR |= heads(str, unit="of")
+_COEFFICIENTS = heads(str, coefficient="coefficient") | heads(fixed_point(1), estimate="estimate", sd="sd")
+_COEFFICIENTS |= heads(fixed_point(1), known_value="known beforehand", known_sd="± sd", prior_sds_away="sd away")
+_COEFFICIENTS |= heads(str, correlated_with=f"correlated beyond {CORRELATED:g} with")
+_PARAMETERS = heads(str, coefficient="parameter")
+_PARAMETERS |= heads(number(4), estimate="estimate", sd="sd", known_value="known beforehand", known_sd="± sd")
+_PARAMETERS |= heads(fixed_point(1), prior_sds_away="sd away")
+_PARAMETERS |= heads(str, unit="unit, or what it is", source="known from")
+_PAIRS = heads(str, first="coefficient", second="with") | heads(fixed_point(3), correlation="correlation")
 
 
 def write_ship_report(
@@ -381,12 +399,7 @@ def _unchecked(rows: Sequence[Mapping]) -> str:
 
 
 def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
-    n, vessel = number(3), result.candidates[0].vessel
     units = {name: CHANNELS[name].unit for candidate in result.candidates for name in candidate.held_out.rms}
-    runs = heads(str, run="run", manoeuvre="recognised as") | heads(fixed_point(0), duration="duration s")
-    runs |= heads(fixed_point(1), duration_L_U="in L/U") | heads(fixed_point(2), approach_speed="approach speed m/s")
-    runs |= heads(n, sampling="sampling interval s", fitted_at="interval of the fit s")
-    runs |= heads(fixed_point(0), checks="checks made") | heads(str, verdict="worst verdict")
     sets = heads(str, terms="term set") | heads(fixed_point(0), coefficients="coefficients")
     sets |= heads(fixed_point(1), weight="weight %") | heads(
         _score, score="held-out elpd", to_best="difference to best"
@@ -395,36 +408,26 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     sets |= heads(fixed_point(2), inflation="sd inflation")
     sets |= heads(fixed_point(0), design_effect="design effect", draws="draws")
     sets |= heads(fixed_point(1), infeasible_fraction="diverged %") | heads(str, about="description")
-    held_out = heads(str, run="run", manoeuvre="manoeuvre", index="index", unit="unit")
-    held_out |= {key: (key, fixed_point(2)) for key in ("measured", "forecast", "error", "sd", "z")}
-    known = heads(fixed_point(1), known_value="known beforehand", known_sd="± sd", prior_sds_away="sd away")
-    coefficients = heads(str, coefficient="coefficient") | heads(fixed_point(1), estimate="estimate", sd="sd") | known
-    coefficients |= heads(str, correlated_with=f"correlated beyond {CORRELATED:g} with")
-    pairs = heads(str, first="coefficient", second="with") | heads(fixed_point(3), correlation="correlation")
-    percents = heads(lambda value: fixed_point(1)(100.0 * value), median="sd [%]", upper="95 % below")
     lines: dict[str, tuple[list[dict], Columns]] = {
-        "runs": (rows["runs"], runs),
+        "runs": (rows["runs"], _RUNS),
         "term_sets": ([_term_set_cells(row, units) for row in rows["term_sets"]], sets),
         "refusals": (rows["refusals"], _REFUSALS),
-        "held_out_indices": ([_index_cells(row) for row in rows["held_out_indices"]], held_out),
-        "harder_indices": (
-            [_index_cells(row) for row in rows["harder_indices"]],
-            held_out | heads(fixed_point(1), beyond="ranges beyond the milder runs"),
-        ),
-        "model_error": (rows["model_error"], heads(str, kind="kind") | percents | heads(str, unit="of")),
-        "correlations": (rows["correlations"], pairs),
+        "held_out_indices": ([_index_cells(row) for row in rows["held_out_indices"]], _INDICES),
+        "harder_indices": ([_index_cells(row) for row in rows["harder_indices"]], _INDICES | _BEYOND),
+        "model_error": (rows["model_error"], _MODEL_ERROR),
+        "correlations": (rows["correlations"], _PAIRS),
         "captive": comparison_page_table(rows["captive"]),
+        **_coefficient_lines(result.candidates[0].vessel, rows["coefficients"]),
     }
-    if vessel.modular:
-        parameters = heads(str, coefficient="parameter")
-        parameters |= heads(number(4), estimate="estimate", sd="sd", known_value="known beforehand", known_sd="± sd")
-        parameters |= heads(fixed_point(1), prior_sds_away="sd away")
-        parameters |= heads(str, unit="unit, or what it is", source="known from")
-        lines["parameters"] = ([row for row in rows["coefficients"] if row["known_sd"] > FIXED_SD], parameters)
-    for dof in vessel.dofs if not vessel.modular else ():
-        of_dof = [row for row in rows["coefficients"] if row["coefficient"][0] == LETTER[dof]]
-        lines[f"coefficients_{dof}"] = ([_prime_cells(row) for row in of_dof], coefficients)
     return {name: table(lines_of, columns) for name, (lines_of, columns) in lines.items() if lines_of}
+
+
+def _coefficient_lines(vessel: Vessel, rows: Sequence[dict]) -> dict[str, tuple[list[dict], Columns]]:
+    """Rows and columns of the parameters of a modular vessel, else of the coefficients of each degree of freedom."""
+    if vessel.modular:
+        return {"parameters": ([row for row in rows if row["known_sd"] > FIXED_SD], _PARAMETERS)}
+    of_dof = {dof: [row for row in rows if row["coefficient"][0] == LETTER[dof]] for dof in vessel.dofs}
+    return {f"coefficients_{dof}": ([_prime_cells(row) for row in mine], _COEFFICIENTS) for dof, mine in of_dof.items()}
 
 
 def _three_digits(value: float) -> str:
