@@ -46,26 +46,17 @@ def seed_parts(cells: Iterable, seeds: int) -> Iterator[tuple]:
 
 @dataclass(frozen=True)
 class Grid:
-    """All experiments of a study.
-
-    Attributes
-    ----------
-    ships, manoeuvres : dict; vessels by name, and manoeuvres by label
-    noise : dict of str to tuple of float; levels of each kind of :data:`pymc_ship.records.files.noise.NOISES`
-    methods : tuple of str; keys of :data:`pymc_ship.experiments.task.METHODS` or of ``own``, the user-defined methods
-    seeds, root_seed : int; data sets of each cell, and root of every random number
-    duration : float; of each record [s]
-    """
+    """All experiments of a study."""
 
     title: str
-    ships: dict[str, Vessel]
-    manoeuvres: dict[str, Manoeuvre]
-    noise: dict[str, tuple[float, ...]]
-    methods: tuple[str, ...]
-    seeds: int
-    root_seed: int
-    duration: float
-    own: dict[str, Method] = field(default_factory=dict)
+    ships: dict[str, Vessel]  # by name
+    manoeuvres: dict[str, Manoeuvre]  # by label
+    noise: dict[str, tuple[float, ...]]  # levels of each kind of NOISES
+    methods: tuple[str, ...]  # keys of METHODS or of ``own``
+    seeds: int  # data sets of each cell
+    root_seed: int  # of every random number
+    duration: float  # of each record [s]
+    own: dict[str, Method] = field(default_factory=dict)  # user-defined methods
 
     scores: ClassVar[dict[str, pa.DataType]] = dict.fromkeys(SCORES, pa.float64())
     timed: ClassVar[tuple[str, ...]] = STAGES

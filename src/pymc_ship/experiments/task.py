@@ -82,27 +82,18 @@ class Cell:
 
 @dataclass(frozen=True)
 class Task:
-    """One method on one data set.
+    """One method on one data set."""
 
-    Attributes
-    ----------
-    vessel, manoeuvre; of the record, simulated in Euler steps of 0.02 s for ``duration`` [s]
-    noise, level; key of :data:`pymc_ship.records.files.noise.NOISES`, and level as in :func:`pymc_ship.pollute`
-    method : str; key of :data:`METHODS`, or the name of ``own``, a user-defined method
-    seed, root : int; number of the data set, and root of every random number
-    block : str; part of the result in the store
-    """
-
-    vessel: Vessel
-    manoeuvre: Manoeuvre
-    noise: str
-    level: float
-    method: str
-    seed: int
-    root: int
-    duration: float
-    block: str = ""
-    own: Method | None = None
+    vessel: Vessel  # of the record
+    manoeuvre: Manoeuvre  # of the record, simulated in Euler steps of 0.02 s
+    noise: str  # key of NOISES
+    level: float  # as in ps.pollute
+    method: str  # key of METHODS, or the name of ``own``
+    seed: int  # number of the data set
+    root: int  # of every random number
+    duration: float  # [s]
+    block: str = ""  # part of the result in the store
+    own: Method | None = None  # user-defined method
 
     def rng(self) -> np.random.Generator:
         """Generator of the noise, the same for every method."""

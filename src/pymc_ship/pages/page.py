@@ -19,46 +19,25 @@ from pymc_ship.pages import drawing
 
 @dataclass(frozen=True)
 class Page:
-    """Template and settings of a kind of page.
+    """Template and settings of a kind of page."""
 
-    Attributes
-    ----------
-    file : str; name of the page in its folder
-    template : Path; Jinja template; ``_layout.html.j2``, ``_page.html.j2`` and templates of its folder can be used
-    own : tuple of str; patterns of the page's files; those of an earlier page are removed, other files stay
-    packages : tuple of str; packages whose versions are on the page
-    digits : int, optional; significant digits of numbers in CSV files; None for all
-    tables : str; folder of the CSV files
-    """
-
-    file: str
-    template: Path
-    own: tuple[str, ...] = ()
-    packages: tuple[str, ...] = ()
-    digits: int | None = None
-    tables: str = "tables"
+    file: str  # name of the page in its folder
+    template: Path  # of Jinja; it can use ``_layout.html.j2``, ``_page.html.j2`` and those of its folder
+    own: tuple[str, ...] = ()  # patterns of the page's files: those of an earlier page are removed, other files stay
+    packages: tuple[str, ...] = ()  # whose versions are on the page
+    digits: int | None = None  # significant digits of numbers in CSV files; None for all
+    tables: str = "tables"  # folder of the CSV files
 
 
 @dataclass(frozen=True)
 class Content:
-    """Content of one page.
+    """Content of one page."""
 
-    Attributes
-    ----------
-    values : mapping of str to object
-        Values of the template, beside ``figures``, ``versions`` and ``sources``; text is escaped.
-    figures : mapping of str to Figure or str
-        A Figure is SVG in the page and a PNG file; a text, such as :func:`drawing.html_image`, is in the page alone.
-    rows : mapping of str to sequence of mapping; tables for CSV files, by name; empty ones are not written
-    files : mapping of str to callable; writers of other files, by path in the folder; each takes the path to write to
-    sources : sequence of str; references
-    """
-
-    values: Mapping[str, object]
-    figures: Mapping[str, Figure | str] = field(default_factory=dict)
-    rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
-    files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
-    sources: Sequence[str] = ()
+    values: Mapping[str, object]  # of the template, beside ``figures``, ``versions`` and ``sources``; text is escaped
+    figures: Mapping[str, Figure | str] = field(default_factory=dict)  # a text is in the page alone
+    rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)  # of CSV files, by name
+    files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)  # writers, by path
+    sources: Sequence[str] = ()  # references
 
 
 def write_page(page: Page, out: str | Path, content: Content) -> Path:

@@ -153,7 +153,7 @@ def _usable_tests(tests: xr.Dataset, vessel: Vessel, prior: CoefficientPrior) ->
 
 
 def _groups(tests: xr.Dataset) -> np.ndarray:
-    """Number of the group of each test, whose errors are of one model: at one speed, with v, r and delta to one side."""
+    """Group of each test, in which model errors are shared: one speed, and one side of v, r and delta."""
     speed = np.round(np.log(np.hypot(tests["u"].values, tests["v"].values)) / _SAME_SPEED)
     sides = [np.sign(np.round(tests[name].values, 9)) for name in ("v", "r", "delta")]
     return np.unique(np.column_stack([speed, *sides]), axis=0, return_inverse=True)[1]
@@ -205,5 +205,5 @@ def _design_effect(design: np.ndarray, residuals: np.ndarray, groups: np.ndarray
     H = scaled.T @ scaled
     gradients = np.array([scaled[groups == k].T @ residuals[groups == k] for k in np.unique(groups)])
     C, n = np.linalg.inv(H + np.eye(scale.size)), len(gradients)
-    G = gradients.T @ gradients * (n / max(n - 1, 1))
+    G = gradients.T @ gradients * (n / max(n - 1, 1))  # sandwich: H^-1 G H^-1, G the scatter of group scores
     return float(max(np.trace(C @ G) / np.trace(C @ H), 1.0))

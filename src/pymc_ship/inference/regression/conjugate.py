@@ -63,9 +63,11 @@ class ConjugatePrior(Prior):
         rotation, unit = rotate(data, self), data.response_scale
         s, z = rotation.singular_values, unit * rotation.projection
         spread = 1.0 / (1.0 + s**2)
+        # half of the data's part of the scale, |e|^2 + sum z_i^2 / (1 + s_i^2)
         fit = 0.5 * (unit**2 * rotation.residual_square + np.sum(z**2 * spread))
         prior_scale = self.scale * unit**2
         shape, scale = self.shape + 0.5 * data.n_rows, prior_scale + fit
+        # multivariate t density of the response, its determinant prod(1 + s_i^2)
         log_evidence = math.lgamma(shape) - math.lgamma(self.shape) - self.shape * math.log1p(fit / prior_scale)
         log_evidence -= 0.5 * (data.n_rows * (_LOG_2PI + math.log(scale)) + np.sum(np.log1p(s**2)))
         return NormalInverseGamma(

@@ -106,6 +106,7 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
     motion, speed, known_forces = prime_record(vessel, denoised)
     weight = (speed / vessel.particulars.nominal_speed) ** 2
     terms = tuple(dict.fromkeys(term for dof in vessel.dofs for term in vessel.terms(dof)))
+    # sum w U^2 Phi, and -sum w' J L nu - sum w U^2 known
     columns = average @ (evaluate(terms, motion) * weight[:, None])
     force = -(differentiate @ _momentum(vessel, record).T) - average @ (known_forces * weight).T
     design = {dof: columns[:, [terms.index(term) for term in vessel.terms(dof)]] for dof in vessel.dofs}
@@ -230,6 +231,7 @@ def _evidence_ridge(X: np.ndarray, y: np.ndarray, n_rows: int) -> np.ndarray:
     by_residuals = outside / residual_dof if residual_dof > 0 else _NOISE_RATIO * np.mean(y**2)
     prior_variance, noise_variance = 1.0, max(by_residuals, least)
     for _ in range(_ITERATIONS):
+        # lambda_i = s_i^2 / (s_i^2 + sigma^2 / tau^2); tau^2 = |b|^2 / sum lambda
         shrinkage = s**2 / (s**2 + noise_variance / prior_variance)
         determined = max(shrinkage.sum(), np.finfo(float).tiny)
         step = z * s / (s**2 + noise_variance / prior_variance)

@@ -1,4 +1,7 @@
-"""Forces of the water on the hull as parts: MMG polynomials ahead, lift and cross-flow drag at any speed, roll."""
+"""Forces of the water on the hull as parts: MMG polynomials ahead, lift and cross-flow drag at any speed, roll.
+
+Equation numbers are those of docs/reference/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -33,12 +36,11 @@ def thrust_deduction(ship: ShipDimensions) -> float:
     return max(0.5 * ship.block - 0.12, 0.1)
 
 
-def _ahead(ship: ShipDimensions) -> tuple[Parameter, ...]:
-    known = bare_hull(ship.L, ship.B, ship.d, ship.volume)
-    slender = ship.d / ship.L
+def _ahead_parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
+    known, draught_ratio = bare_hull(ship.L, ship.B, ship.d, ship.volume), ship.d / ship.L
     rows = [Parameter("R0", *nominal_resistance(ship))]
     rows += [Parameter(name, *known[name], SOURCE) for name in ("Xvv", "Xvr", "Xrr")]
-    rows += [Parameter("Xvvvv", 0.12 * slender, 0.6 * slender, f"{MMG}, of several tankers")]
+    rows += [Parameter("Xvvvv", 0.12 * draught_ratio, 0.6 * draught_ratio, f"{MMG}, of several tankers")]
     return tuple(rows + [Parameter(name, *row, SOURCE) for name, row in known.items() if name[0] in "YN"])
 
 
@@ -50,16 +52,17 @@ def _hull_ahead(ship: ShipDimensions, motion: Motion, p: Expressions, shared: di
 
     def side(linear_v: str, linear_r: str, cubes: tuple[str, ...]) -> Expression:
         cubic = v * (p[cubes[0]] * vv + p[cubes[1]] * vr + p[cubes[2]] * rr) + p[cubes[3]] * r * rr
-        return U * (p[linear_v] * v + p[linear_r] * r) + cubic * per_U
+        return U * (p[linear_v] * v + p[linear_r] * r) + cubic * per_U  # Eq. 22
 
     Y = side("Yv", "Yr", ("Yvvv", "Yvvr", "Yvrr", "Yrrr"))
     N = side("Nv", "Nr", ("Nvvv", "Nvvr", "Nvrr", "Nrrr"))
+    # Eq. 21
     X = p["Xvv"] * vv + p["Xvr"] * vr + p["Xrr"] * rr + p["Xvvvv"] * (vv * per_U) * (vv * per_U) - p["R0"] * U * U
     shared["Y_hull"] = Y
     return Force(X, Y, N)
 
 
-def _any_speed(ship: ShipDimensions) -> tuple[Parameter, ...]:
+def _any_speed_parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
     known = bare_hull(ship.L, ship.B, ship.d, ship.volume)
     R0, R0_sd, source = nominal_resistance(ship)
     linear = [Parameter(name, *known[name], SOURCE) for name in ("Xvr", "Xrr", "Yv", "Yr", "Nv", "Nr")]
@@ -81,14 +84,14 @@ def _hull_any_speed(ship: ShipDimensions, motion: Motion, p: Expressions, shared
     moment: Expression | float = 0.0
     for x, weight in zip(_NODES.tolist(), _WEIGHTS.tolist(), strict=True):
         flow = v + 0.5 * x * r
-        drag = 0.5 * weight * flow * abs(flow)
+        drag = 0.5 * weight * flow * abs(flow)  # Eq. 23 and 24
         force, moment = force + drag, moment + 0.5 * x * drag
     cross = -(ship.d / ship.L) * p["C_D"]
     Y_cross = cross * force
     ahead = step(u)
     X = p["Xvv"] * v * v + p["Xvr"] * v * r + p["Xrr"] * r * r
-    X = X - p["R0"] * u * abs(u) * (ahead + (1.0 - ahead) * p["R_astern"])
-    Y = abs(u) * p["Yv"] * v + u * p["Yr"] * r + Y_cross
+    X = X - p["R0"] * u * abs(u) * (ahead + (1.0 - ahead) * p["R_astern"])  # Eq. 25
+    Y = abs(u) * p["Yv"] * v + u * p["Yr"] * r + Y_cross  # Eq. 26
     N = u * p["Nv"] * v + abs(u) * p["Nr"] * r + cross * p["c_N"] * moment + p["x_C"] * Y_cross
     shared["Y_hull"] = Y
     return Force(X, Y, N)
@@ -97,12 +100,12 @@ def _hull_any_speed(ship: ShipDimensions, motion: Motion, p: Expressions, shared
 SWAY_CENTRE = "z_Y"  # parameter of roll: depth of the centre of added mass in sway below the origin
 
 
-def _heeling(ship: ShipDimensions) -> tuple[Parameter, ...]:
-    height = ship.d / ship.L
+def _roll_parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
+    draught_ratio = ship.d / ship.L
     damping = 2.0 * 0.05 * (_stiffness(ship) * ship.GM * (ship.I_xx - ship.added_mass.Kpdot)) ** 0.5
     judged, half = "by judgement", "half the draught below the origin, by judgement"
     spread = (0.1 * ship.GM, "vessel file") if ship.GM_known else (0.5 * ship.GM, "usual ships")
-    depth, source = 0.6 * height, f"0.6 of the draught below the origin, {judged}"
+    depth, source = 0.6 * draught_ratio, f"0.6 of the draught below the origin, {judged}"
     if ship.added_mass.Ypdot:
         depth, source = -ship.added_mass.Ypdot / ship.added_mass.Yvdot, "Ypdot of the vessel file"
     return (
@@ -110,9 +113,9 @@ def _heeling(ship: ShipDimensions) -> tuple[Parameter, ...]:
         Parameter("BM", ship.BM, 0.5 * ship.BM, f"vertical sides, {judged}", "m"),
         Parameter("Kp", -damping, 0.5 * damping, f"5 % of the critical damping, {judged}"),
         Parameter("Kp|p|", -damping, damping, f"as large at a rate of U/L, {judged}"),
-        Parameter(SWAY_CENTRE, depth, 0.2 * height, source, "L"),
-        Parameter("z_H", 0.5 * height, 0.3 * height, half, "L"),
-        Parameter("z_R", 0.5 * height, 0.3 * height, half, "L"),
+        Parameter(SWAY_CENTRE, depth, 0.2 * draught_ratio, source, "L"),
+        Parameter("z_H", 0.5 * draught_ratio, 0.3 * draught_ratio, half, "L"),
+        Parameter("z_R", 0.5 * draught_ratio, 0.3 * draught_ratio, half, "L"),
         Parameter("Yphi", 0.0, 2e-4, f"none, {judged}"),
         Parameter("Nphi", 0.0, 1e-4, f"none, {judged}"),
     )
@@ -126,15 +129,17 @@ def _stiffness(ship: ShipDimensions) -> float:
 def _roll(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     sine, cosine = sin(motion.phi), cos(motion.phi)
     slope = sine / cosine
-    arm = (p["GM"] + 0.5 * p["BM"] * slope * slope) * sine
+    GZ = (p["GM"] + 0.5 * p["BM"] * slope * slope) * sine  # Eq. 7
     damping = p["Kp"] * motion.p + p["Kp|p|"] * motion.p * abs(motion.p)
-    K = damping - _stiffness(ship) * arm - p["z_H"] * shared["Y_hull"]
+    K = damping - _stiffness(ship) * GZ - p["z_H"] * shared["Y_hull"]  # Eq. 40
     if "Y_rudder" in shared:
         K = K - p["z_R"] * shared["Y_rudder"]
     U2 = motion.u * motion.u + motion.v * motion.v
-    return Force(0.0, p["Yphi"] * U2 * motion.phi, p["Nphi"] * U2 * motion.phi, K)
+    return Force(0.0, p["Yphi"] * U2 * motion.phi, p["Nphi"] * U2 * motion.phi, K)  # Eq. 41
 
 
-MANOEUVRING = Part("hull", "polynomials of drift and yaw (MMG standard method)", _ahead, _hull_ahead, "hull")
-LOW_SPEED = Part("low-speed hull", "lift and cross-flow drag, at any speed", _any_speed, _hull_any_speed, "hull")
-ROLL = Part("roll", "righting arm, damping, heights of the side forces", _heeling, _roll, "roll")
+MANOEUVRING = Part("hull", "polynomials of drift and yaw (MMG standard method)", _ahead_parameters, _hull_ahead, "hull")
+LOW_SPEED = Part(
+    "low-speed hull", "lift and cross-flow drag, at any speed", _any_speed_parameters, _hull_any_speed, "hull"
+)
+ROLL = Part("roll", "righting arm, damping, heights of the side forces", _roll_parameters, _roll, "roll")

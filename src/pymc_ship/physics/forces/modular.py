@@ -102,6 +102,7 @@ def acceleration_program(ship: ShipDimensions, parts: tuple[Part, ...], J_invers
 
     drift = p.get("k_drift", 0.0)
     c_north, c_east = (p.get(name, 0.0) for name in CURRENT_COMPONENTS)
+    # Eq. 15 to 17: velocities of water and air in the axes of the ship
     u_c, v_c = to_ship(c_north + drift * at["wind_x"], c_east + drift * at["wind_y"])
     u_w, v_w = to_ship(at["wind_x"], at["wind_y"])
     water = {"u": at["u"] - u_c, "v": at["v"] - v_c}
@@ -127,18 +128,18 @@ def _accelerations(
     ship: ShipDimensions, motion: Motion, p: Expressions, total: list[Expression]
 ) -> list[Expression | float]:
     m, x_G, z_G, r = ship.m, ship.x_G, ship.z_G, motion.r
-    X = total[0] + m * (motion.v * r + x_G * r * r - z_G * r * motion.p)
+    X = total[0] + m * (motion.v * r + x_G * r * r - z_G * r * motion.p)  # Eq. 18
     centripetal = m * motion.u * r
-    sideways = [total[1] - centripetal, total[2] - x_G * centripetal]
+    right = [total[1] - centripetal, total[2] - x_G * centripetal]  # Eq. 19
     rows: list[list[Expression | float]] = [[m + p["m_y"], m * x_G - ship.added_mass.Yrdot]]
     rows += [[m * x_G - ship.added_mass.Nvdot, ship.I_zz + p["J_zz"]]]
     if ship.rolls:
-        sideways.append(total[3] + z_G * centripetal)
-        coupling = -m * z_G - p["m_y"] * p[SWAY_CENTRE]
+        right.append(total[3] + z_G * centripetal)
+        coupling = -m * z_G - p["m_y"] * p[SWAY_CENTRE]  # Eq. 20
         rows[0].append(coupling)
         rows[1].append(-ship.added_mass.Npdot)
         rows.append([coupling, -ship.added_mass.Krdot, ship.I_xx + p["J_xx"]])
-    solution = _solve(rows, sideways)
+    solution = _solve(rows, right)
     return [X / (m + p["m_x"]), *solution, *([] if ship.rolls else [0.0])]
 
 

@@ -60,7 +60,7 @@ def _inflow(load: float, eta: float, kappa: float) -> tuple[float, float]:
     root = math.sqrt(max(1.0 + load, 0.0))
     jet = 1.0 + kappa * (root - 1.0)
     slope = eta * jet * kappa / root if root > 0.0 else 0.0
-    return eta * jet * jet + 1.0 - eta, slope
+    return eta * jet * jet + 1.0 - eta, slope  # Eq. 13 of docs/reference/equations.md
 
 
 @njit(**_SETTINGS)
@@ -68,7 +68,7 @@ def loading(u_a: float, constants: PropellerConstants) -> tuple[float, float, fl
     """Propeller loading at a relative speed: g, T and their derivatives by u_a; see :class:`PropellerConstants`."""
     J_nom, k_0, k_1, k_2 = constants.J, constants.k_0, constants.k_1, constants.k_2
     a = 1.0 - u_a
-    thrust = k_0 * a * a / (J_nom * J_nom) + k_1 * a / J_nom + k_2
+    thrust = k_0 * a * a / (J_nom * J_nom) + k_1 * a / J_nom + k_2  # Eq. 12
     slope = -(2.0 * k_0 * a / (J_nom * J_nom) + k_1 / J_nom)
     nominal = k_0 / (J_nom * J_nom) + k_1 / J_nom + k_2
     inflow, inflow_slope = _inflow(8.0 / math.pi * thrust, constants.eta, constants.kappa)

@@ -1,6 +1,7 @@
 """Rudder behind a propeller as a part: normal force, flow straightening and hull interaction.
 
-Yasukawa & Yoshimura (2015), Eq. 17 to 24, with gamma_R by side and F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|).
+Yasukawa & Yoshimura (2015), with gamma_R by side and F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|).
+Equation numbers are those of docs/reference/equations.md.
 """
 
 from __future__ import annotations
@@ -41,19 +42,19 @@ def _parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
 
 def _rudder(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     u_P, angle = shared["u_P"], -motion.delta
-    race = u_P + p["kappa"] * (shared["u_jet"] - abs(u_P))
-    inflow = ship.eta * race * abs(race) + (1.0 - ship.eta) * u_P * abs(u_P)
-    u_R = p["epsilon"] * inflow / root(root(inflow * inflow + SLOWEST))
+    u_kappa = u_P + p["kappa"] * (shared["u_jet"] - abs(u_P))  # Eq. 34, in the slipstream
+    q = ship.eta * u_kappa * abs(u_kappa) + (1.0 - ship.eta) * u_P * abs(u_P)
+    u_R = p["epsilon"] * q / root(root(q * q + SLOWEST))  # Eq. 35
     drift = -1.0 * motion.v - p["l_R"] * motion.r
-    v_R = p["gamma_R"] * drift + p["dgamma_R"] * abs(drift)
+    v_R = p["gamma_R"] * drift + p["dgamma_R"] * abs(drift)  # Eq. 36
     sine, cosine = sin(angle), cos(angle)
-    across = u_R * sine - v_R * cosine
+    across = u_R * sine - v_R * cosine  # Eq. 37, normal to the rudder
     U_R = speed(u_R, v_R)
-    F_N = ship.rudder_area * p["f_alpha"] * across * (U_R + p["f2"] * abs(across))
+    F_N = ship.rudder_area * p["f_alpha"] * across * (U_R + p["f2"] * abs(across))  # Eq. 38
     Y = -(1.0 + p["a_H"]) * F_N * cosine
     shared["Y_rudder"] = Y
     N = -(X_R + p["a_H"] * p["x_H"]) * F_N * cosine
-    return Force(-(1.0 - p["t_R"]) * F_N * sine, Y, N)
+    return Force(-(1.0 - p["t_R"]) * F_N * sine, Y, N)  # Eq. 39
 
 
 RUDDER = Part("rudder", "normal force in the race, flow straightening, action on hull", _parameters, _rudder, "rudder")

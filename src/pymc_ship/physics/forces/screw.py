@@ -2,6 +2,7 @@
 
 Yasukawa & Yoshimura (2015), Eq. 10 to 16, with a wake that differs by side. Thrust is relative to the resistance R_0 of
 the straight course; astern it is quadratic in n and u, the rudder has no slipstream, and the stern goes to port.
+Equation numbers are those of docs/reference/equations.md.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _B_SERIES = "ten propellers of the Wageningen B-series (Roddy, Hess & Faller 200
 
 
 def _parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
-    side = ship.d / ship.L
+    draught_ratio = ship.d / ship.L
     n_sd, wake_sd, n_source, wake_source = 0.1, 0.04, "vessel file", "vessel file"
     if not ship.propeller_known:
         n_sd, wake_sd, n_source, wake_source = 0.3, 0.08, "thrust of a typical propeller", "Taylor, w = 0.5 C_B - 0.05"
@@ -29,8 +30,8 @@ def _parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
         Parameter("w0", ship.wake, wake_sd, wake_source, "wake fraction", per_facility=True),
         Parameter("C2", 1.4, 0.25, f"{MMG}, 1.6 and 1.1", "wake by drift"),
         Parameter("dC2", 0.0, 0.15, "half the difference between the sides", "wake by drift", per_facility=True),
-        Parameter("Y_P", 0.0, 1e-3 * side, "none on average", "at nominal thrust", per_facility=True),
-        Parameter("N_P", 0.0, 5e-4 * side, "none on average", "at nominal thrust", per_facility=True),
+        Parameter("Y_P", 0.0, 1e-3 * draught_ratio, "none on average", "at nominal thrust", per_facility=True),
+        Parameter("N_P", 0.0, 5e-4 * draught_ratio, "none on average", "at nominal thrust", per_facility=True),
         Parameter("T_nn", 0.6, 0.2, astern, "over k_0"),
         Parameter("T_nu", 0.6, 0.4, f"how way ahead adds to thrust astern, {_B_SERIES}", "over k_0 / J"),
         Parameter("Y_nn", 0.15, 0.15, f"side force astern, {_TURNING}", "over thrust astern"),
@@ -39,28 +40,28 @@ def _parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
 
 
 def _propeller(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
-    J, n = ship.J / p[NOMINAL_REVOLUTIONS], motion.n / p[NOMINAL_REVOLUTIONS]
-    drift = arctan2(-1.0 * motion.v - X_P * motion.r, root(motion.u * motion.u + 1e-6))
-    by_side = p["C2"] + p["dC2"] * (2.0 * step(drift) - 1.0)
-    u_P = (1.0 - p["w0"]) * (1.0 + (1.0 - exp(-2.0 * abs(drift))) * (by_side - 1.0)) * motion.u
+    J, n = ship.J / p[NOMINAL_REVOLUTIONS], motion.n / p[NOMINAL_REVOLUTIONS]  # Eq. 27
+    drift = arctan2(-1.0 * motion.v - X_P * motion.r, root(motion.u * motion.u + 1e-6))  # Eq. 28
+    C_2 = p["C2"] + p["dC2"] * (2.0 * step(drift) - 1.0)
+    u_P = (1.0 - p["w0"]) * (1.0 + (1.0 - exp(-2.0 * abs(drift))) * (C_2 - 1.0)) * motion.u  # Eq. 29
     u_0 = (1.0 - p["w0"]) * J
 
-    def curve(n: Expression | float, advance: Expression) -> Expression:
+    def thrust_coefficient(n: Expression | float, advance: Expression) -> Expression:
         """K_T (n / n_0)^2 at the advance u_P / (n_0 D)."""
-        return ship.k_0 * n * n + ship.k_1 * n * advance + ship.k_2 * advance * advance
+        return ship.k_0 * n * n + ship.k_1 * n * advance + ship.k_2 * advance * advance  # Eq. 30
 
-    nominal = curve(1.0, u_0)
+    nominal = thrust_coefficient(1.0, u_0)
     advance = u_P * J
     ahead = step(n)
-    thrust_ahead = curve(n, advance)
-    back = ship.k_0 * p["T_nn"] * n * n - p["T_nu"] * n * advance * ship.k_0
-    thrust = (ahead * thrust_ahead - (1.0 - ahead) * back) / nominal
-    u_jet = root(ramp(u_P * u_P + (8.0 / math.pi) / (J * J) * ahead * thrust_ahead) + 1e-12)
+    thrust_ahead = thrust_coefficient(n, advance)
+    thrust_astern = ship.k_0 * p["T_nn"] * n * n - p["T_nu"] * n * advance * ship.k_0
+    thrust = (ahead * thrust_ahead - (1.0 - ahead) * thrust_astern) / nominal  # Eq. 31
+    u_jet = root(ramp(u_P * u_P + (8.0 / math.pi) / (J * J) * ahead * thrust_ahead) + 1e-12)  # Eq. 32
     shared["u_P"], shared["u_jet"] = u_P, u_jet
-    X = p["R0"] * thrust
-    sideways = ahead * thrust * p["Y_P"] + (1.0 - ahead) * X * p["Y_nn"]
-    turning = ahead * thrust * p["N_P"] + (1.0 - ahead) * X * p["N_nn"]
-    return Force(X, sideways, turning)
+    X = p["R0"] * thrust  # Eq. 33
+    Y = ahead * thrust * p["Y_P"] + (1.0 - ahead) * X * p["Y_nn"]
+    N = ahead * thrust * p["N_P"] + (1.0 - ahead) * X * p["N_nn"]
+    return Force(X, Y, N)
 
 
 PROPELLER = Part("propeller", "thrust by revolutions and wake, race, side force", _parameters, _propeller, "propeller")

@@ -1,6 +1,7 @@
 """Wind, current and a constant residual force, as parts.
 
 Wind: X as the cosine, Y as the sine, N as the sine of twice the relative direction (Fossen 2011, section 8.1).
+Equation numbers are those of docs/reference/equations.md.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def flow_components(flow: Flow) -> np.ndarray:
     return speed * np.array([np.cos(direction), np.sin(direction)])
 
 
-def _of_wind(ship: ShipDimensions) -> tuple[Parameter, ...]:
+def _wind_parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
     return (
         Parameter("C_X", 0.7, 0.25, _FOSSEN, "wind coefficient"),
         Parameter("C_Y", 0.8, 0.25, _FOSSEN, "wind coefficient"),
@@ -47,28 +48,32 @@ def _of_wind(ship: ShipDimensions) -> tuple[Parameter, ...]:
 
 def _wind(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     u, v = motion.u_air, motion.v_air
-    V = speed(u, v)
+    V = speed(u, v)  # Eq. 42
     X = -AIR_OVER_WATER * ship.frontal * p["C_X"] * u * V
     Y = -AIR_OVER_WATER * ship.lateral * p["C_Y"] * v * V
     return Force(X, Y, -2.0 * AIR_OVER_WATER * ship.lateral * p["C_N"] * u * v)
 
 
-def _of_current(ship: ShipDimensions) -> tuple[Parameter, ...]:
-    usual = "currents of half a knot or so, by judgement"
+def _current_parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
+    source = "currents of half a knot or so, by judgement"
     sd = 0.5 / ship.nominal_speed
-    ways = zip(CURRENT_COMPONENTS, ("north", "east"), strict=True)
-    return tuple(Parameter(name, 0.0, sd, usual, f"U_nom, current to the {way}", per_run=True) for name, way in ways)
+    directions = zip(CURRENT_COMPONENTS, ("north", "east"), strict=True)
+    return tuple(
+        Parameter(name, 0.0, sd, source, f"U_nom, current to the {way}", per_run=True) for name, way in directions
+    )
 
 
-def _of_rest(ship: ShipDimensions) -> tuple[Parameter, ...]:
+def _constant_parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
     size = "a degree of rudder or so, by judgement"
     return (Parameter("Y_run", 0.0, 2e-5, size, per_run=True), Parameter("N_run", 0.0, 1e-5, size, per_run=True))
 
 
-def _rest(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
+def _constant(ship: ShipDimensions, motion: Motion, p: Expressions, shared: dict[str, Expression]) -> Force:
     return Force(0.0, p["Y_run"], p["N_run"])
 
 
-WIND = Part("wind", "wind by frontal and lateral area, and the drift of the surface", _of_wind, _wind, "wind")
-CURRENT = Part("current", "a uniform current, two constants a run", _of_current, no_force, "current")
-CONSTANT = Part("constant force", "a constant force and moment a run", _of_rest, _rest, "constant force")
+WIND = Part("wind", "wind by frontal and lateral area, and the drift of the surface", _wind_parameters, _wind, "wind")
+CURRENT = Part("current", "a uniform current, two constants a run", _current_parameters, no_force, "current")
+CONSTANT = Part(
+    "constant force", "a constant force and moment a run", _constant_parameters, _constant, "constant force"
+)

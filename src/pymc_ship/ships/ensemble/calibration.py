@@ -15,23 +15,15 @@ FILE = Path(__file__).with_suffix(".toml")  # the file of the constants
 
 @dataclass(frozen=True)
 class Constant:
-    """A calibrated constant.
-
-    Attributes
-    ----------
-    about, unit, study : str; the study names the ships of the calibration
-    value : int, float or mapping of str to float; by kind of index or by state where there are several
-    seeds : tuple of int; of the study, empty if unknown
-    commit, date : str, date; first commit of this package with the value
-    """
+    """A calibrated constant."""
 
     about: str
     unit: str
-    value: int | float | Mapping[str, float]
-    study: str
-    seeds: tuple[int, ...]
-    commit: str
-    date: datetime.date
+    value: int | float | Mapping[str, float]  # by kind of index or by state where there are several
+    study: str  # which names the ships of the calibration
+    seeds: tuple[int, ...]  # of the study, empty if unknown
+    commit: str  # first one of this package with the value
+    date: datetime.date  # of the commit
 
 
 @cache

@@ -23,27 +23,16 @@ from pymc_ship.trial.channels import SIMULATED
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """One model of an ensemble.
+    """One model of an ensemble."""
 
-    Attributes
-    ----------
-    name : str; of the term set or the method
-    vessel : Vessel
-    draws : ndarray, shape (n_draws, n_coefficients)
-    estimate : ndarray, shape (n_coefficients,)
-    weight : float; fraction of the ensemble
-    likelihood : EarlierLikelihood or None; of all runs so far
-    inflation, design_effect : float; factor on the sd of the draws; the power of the likelihood is 1 / design_effect
-    """
-
-    name: str
+    name: str  # of the term set or the method
     vessel: Vessel
-    draws: np.ndarray
-    estimate: np.ndarray
-    weight: float = 1.0
-    likelihood: EarlierLikelihood | None = None
-    inflation: float = 1.0
-    design_effect: float = 1.0
+    draws: np.ndarray  # (n_draws, n_coefficients)
+    estimate: np.ndarray  # (n_coefficients,)
+    weight: float = 1.0  # fraction of the ensemble
+    likelihood: EarlierLikelihood | None = None  # of all runs so far
+    inflation: float = 1.0  # factor on the sd of the draws
+    design_effect: float = 1.0  # the power of the likelihood is 1 / design_effect
 
     def __repr__(self) -> str:
         return f"Member({self.name!r}, {len(self.draws)} draws, weight {self.weight:.3g})"

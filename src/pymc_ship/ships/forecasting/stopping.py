@@ -43,18 +43,11 @@ _NOT_ASTERN = (
 
 @dataclass(frozen=True)
 class StoppingTest:
-    """A run with the propeller reversed and the rudder amidships.
+    """A run with the propeller reversed and the rudder amidships."""
 
-    Attributes
-    ----------
-    astern : float; magnitude of the revolutions astern [1/s]
-    reversal : float or None; time from the order to these revolutions [s]; None for 1.5 L/U
-    approach_speed : float or None; [m/s]; None for the vessel's nominal speed
-    """
-
-    astern: float
-    reversal: float | None = None
-    approach_speed: float | None = None
+    astern: float  # magnitude of the revolutions astern [1/s]
+    reversal: float | None = None  # time from the order to these revolutions [s]; None for 1.5 L/U
+    approach_speed: float | None = None  # [m/s]; None for the vessel's nominal speed
 
     @property
     def label(self) -> str:

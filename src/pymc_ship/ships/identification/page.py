@@ -401,9 +401,8 @@ def _unchecked(rows: Sequence[Mapping]) -> str:
 def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
     units = {name: CHANNELS[name].unit for candidate in result.candidates for name in candidate.held_out.rms}
     sets = heads(str, terms="term set") | heads(fixed_point(0), coefficients="coefficients")
-    sets |= heads(fixed_point(1), weight="weight %") | heads(
-        _score, score="held-out elpd", to_best="difference to best"
-    )
+    sets |= heads(fixed_point(1), weight="weight %")
+    sets |= heads(_score, score="held-out elpd", to_best="difference to best")
     sets |= {f"rms_{name}": (f"rms {name} {unit.display}", _three_digits) for name, unit in units.items()}
     sets |= heads(fixed_point(2), inflation="sd inflation")
     sets |= heads(fixed_point(0), design_effect="design effect", draws="draws")
