@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from pymc_ship.machine.files import settle
+from pymc_ship.machine.files import finish_killed_runs
 from tests.journeys.cases import program
 
 NAMED = ("*.nc", "*.csv", "*.html", "*.png")
@@ -51,7 +51,7 @@ def kill_at_random(commands, out, kills, seed):
         # half of the kills at the end, when files are written
         after = lasts * (rng.uniform(0.0, 1.0) if k % 2 else rng.uniform(0.8, 1.05))
         met += killed(commands[k % 2], after)
-        settle(out)  # as every reader of the package does first
+        finish_killed_runs(out)  # as every reader of the package does first
         mixed += marks(out) not in results
     subprocess.run(commands[0], check=False, capture_output=True)
     assert marks(out) == results[0]

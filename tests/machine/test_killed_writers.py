@@ -13,7 +13,7 @@ import pytest
 
 from pymc_ship.machine import files
 from pymc_ship.machine.errors import OutputError
-from pymc_ship.machine.files import OLD, final_path, settle, staged_files, staged_path, writable_folder
+from pymc_ship.machine.files import OLD, final_path, finish_killed_runs, staged_files, staged_path, writable_folder
 from tests.machine.writers import PARTS, read, started, write
 from tests.sentences import refused
 
@@ -39,7 +39,7 @@ def test_two_runs_at_one_place_leave_the_result_of_one_of_them(tmp_path, how):
     writers = [started("write_many", how, out, mark, 60) for mark in ("one", "two")]
     seen = 0
     while any(writer.poll() is None for writer in writers):
-        if how == "file":  # the others are told in the head of machine.files: no reader without settle
+        if how == "file":  # the others are told in the head of machine.files: no reader without finish_killed_runs
             found = read(how, out)
             assert (len(found), len(set(found))) == (PARTS, 1)
             seen += 1
@@ -56,8 +56,8 @@ def test_two_runs_at_one_place_leave_the_result_of_one_of_them(tmp_path, how):
 def test_a_run_that_is_killed_at_any_step_leaves_old_or_new(tmp_path, how, step):
     out = prepared(how, tmp_path)
     assert started("killed_at", how, out, "new", step).wait() == -signal.SIGKILL
-    settle(out)
-    settle(out / "result")
+    finish_killed_runs(out)
+    finish_killed_runs(out / "result")
     assert read(how, out) == ["old" if step == 1 else "new"] * PARTS
     assert partials(out) == []
     if how == "files":
@@ -68,7 +68,7 @@ def test_files_of_an_earlier_result_go_with_a_killed_move_too(tmp_path):
     out = prepared("files", tmp_path)
     (out / "result" / "part99").write_text("of an earlier one")
     assert started("killed_at", "files", out, "new", 5).wait() == -signal.SIGKILL
-    settle(out / "result")
+    finish_killed_runs(out / "result")
     assert read("files", out) == ["new"] * PARTS
 
 
@@ -88,7 +88,7 @@ def test_a_run_that_is_killed_while_it_removes_its_partial_results_leaves_them_t
     out = prepared("folder", tmp_path)
     assert started("killed_in_removal", "folder", out, "new", step).wait() == -signal.SIGKILL
     assert len(partials(out)) >= 1
-    settle(out)
+    finish_killed_runs(out)
     assert partials(out) == []
     assert read("folder", out) == ["new"] * PARTS
 
@@ -100,7 +100,7 @@ def test_a_run_whose_empty_folder_was_taken_for_left_behind_makes_another(tmp_pa
         box = made(**settings)
         if not taken:
             taken.append(box)
-            settle(tmp_path)
+            finish_killed_runs(tmp_path)
         return box
 
     monkeypatch.setattr(files.tempfile, "mkdtemp", mkdtemp)
@@ -115,7 +115,7 @@ def test_a_run_that_lives_keeps_its_partial_results(tmp_path):
         mine.write_text("mine")
         (others / "b.csv").write_text("others")
         write("file", tmp_path, "between")
-        settle(tmp_path)
+        finish_killed_runs(tmp_path)
         writable_folder(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "b.csv", "result"]
 
@@ -130,16 +130,16 @@ def test_partial_results_of_another_machine_go_when_they_are_old_by_the_clock_of
     (box / "new").mkdir(parents=True)
     if locked:
         (box / ".lock").touch()
-    settle(tmp_path)
+    finish_killed_runs(tmp_path)
     assert box.exists()
     now = box.stat().st_mtime
     for path in (*box.rglob("*"), box):
         os.utime(path, (now - OLD - 60.0,) * 2)
     (box / "new").touch()
-    settle(tmp_path)
+    finish_killed_runs(tmp_path)
     assert box.exists()
     os.utime(box / "new", (now - OLD - 60.0,) * 2)
-    settle(tmp_path)
+    finish_killed_runs(tmp_path)
     assert not box.exists()
 
 
@@ -167,7 +167,7 @@ def test_without_locks_results_are_written_and_nothing_is_taken_for_left_behind(
         (tmp_path / how / "result").mkdir(parents=True) if how == "files" else (tmp_path / how).mkdir()
         write(how, tmp_path / how, "new")
         assert read(how, tmp_path / how) == ["new"] * PARTS
-    settle(tmp_path)
+    finish_killed_runs(tmp_path)
     assert partials(tmp_path) == [left]
 
 

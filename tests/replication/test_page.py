@@ -88,7 +88,7 @@ def test_a_move_that_is_stopped_is_brought_to_its_end_by_the_next_run(earlier, m
             report.write_study(QUICK, earlier)
     assert moved[-1] == step
     assert (earlier / "index.html").read_text() == "earlier"
-    files.settle(earlier)
+    files.finish_killed_runs(earlier)
     assert (earlier / "index.html").read_text() != "earlier"
     assert [name for name in names(earlier) if name.startswith(".")] == []
     assert [name for name in FILES if not list(earlier.rglob(name))] == []

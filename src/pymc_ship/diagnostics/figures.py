@@ -188,7 +188,7 @@ def correlation(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Figure:
         ax = axes[0, 0]
         image = ax.imshow(matrix.values, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
         if dofs:
-            _part(ax, np.array(dofs))
+            _draw_dof_lines(ax, np.array(dofs))
         else:
             names = matrix["coefficient"].values.tolist()
             ax.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
@@ -197,7 +197,7 @@ def correlation(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Figure:
     return fig
 
 
-def _part(ax: Axes, dofs: np.ndarray) -> None:
+def _draw_dof_lines(ax: Axes, dofs: np.ndarray) -> None:
     """Draw lines in a heat map where the degree of freedom of the coefficients changes."""
     edges = np.flatnonzero(dofs[1:] != dofs[:-1]) + 0.5
     middles, names = 0.5 * (np.append(-0.5, edges) + np.append(edges, dofs.size - 0.5)), list(dict.fromkeys(dofs))

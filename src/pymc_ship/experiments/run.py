@@ -19,7 +19,7 @@ from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, progress_bar, run_tasks
 
-REHEARSED = 200  # number of empty tasks with which a run begins, to measure what the keeping of a result costs
+EMPTY_TASKS = 200  # number of empty tasks with which a run begins, to measure what the keeping of a result costs
 
 _SHOWN_EVERY = 1.0
 
@@ -154,7 +154,7 @@ def _handling_seconds(store: Store, executor: LocalCores | Cluster) -> float:
     none = {"session": 0, "executor": "", "workers": 0, "wall": 0.0, "parent": 0.0}
     folder, arrivals = store.out / ".rehearsal", []
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
-    stage = Store(folder, replace(store.study, seeds=REHEARSED))
+    stage = Store(folder, replace(store.study, seeds=EMPTY_TASKS))
     first = stage.missing()[0]
 
     def remaining() -> Iterator | None:

@@ -1,7 +1,7 @@
 """Atomic output: a result appears under its name only when it is complete; an earlier result stays until then.
 
 A run writes to a folder ``.partial-HOST-PID-RANDOM`` beside the result, and the last run to end leaves its result.
-A reader calls :func:`settle` first: it delivers or removes the folders of killed runs, not those of live ones.
+A reader calls :func:`finish_killed_runs` first: it delivers or removes the folders of killed runs alone.
 """
 
 from __future__ import annotations
@@ -101,11 +101,11 @@ def writable_folder(path: str | Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
-    settle(path)
+    finish_killed_runs(path)
     return path
 
 
-def settle(folder: str | Path) -> None:
+def finish_killed_runs(folder: str | Path) -> None:
     """Finish the work of killed runs in a folder that can be written: deliver complete files, delete the others."""
     folder = Path(folder)
     with suppress(OSError):
@@ -135,7 +135,7 @@ def _output_errors(path: Path) -> Iterator[None]:
 @contextmanager
 def _partial_folder(folder: Path) -> Iterator[Path]:
     """Partial folder of this run, locked during the block and removed after it."""
-    settle(folder)
+    finish_killed_runs(folder)
     lock = None
     while lock is None:
         box = Path(tempfile.mkdtemp(prefix=f".partial-{_HOST}-{os.getpid()}-", dir=folder))

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
-_ALONE: ContextVar[bool] = ContextVar("one_thread", default=False)
+_ONE_THREAD: ContextVar[bool] = ContextVar("one_thread", default=False)
 
 
 def map_in_threads[Result](function: Callable[..., Result], *arguments: Iterable[Any]) -> list[Result]:
@@ -18,10 +18,10 @@ def map_in_threads[Result](function: Callable[..., Result], *arguments: Iterable
     One thread a task, at most one a core; a task inside another, or alone, has no thread of its own.
     """
     tasks = list(zip(*arguments, strict=True))
-    threads = 1 if _ALONE.get() else min(len(tasks), os.cpu_count() or 1)
+    threads = 1 if _ONE_THREAD.get() else min(len(tasks), os.cpu_count() or 1)
     if threads <= 1:
         return [function(*task) for task in tasks]
-    with ThreadPoolExecutor(threads, initializer=_ALONE.set, initargs=(True,)) as pool:
+    with ThreadPoolExecutor(threads, initializer=_ONE_THREAD.set, initargs=(True,)) as pool:
         return list(pool.map(lambda task: function(*task), tasks))
 
 
@@ -30,9 +30,9 @@ def one_thread() -> Iterator[None]:
     """Limit linear algebra and :func:`map_in_threads` of this context to one thread."""
     from threadpoolctl import threadpool_limits
 
-    before = _ALONE.set(True)
+    before = _ONE_THREAD.set(True)
     try:
         with threadpool_limits(1):
             yield
     finally:
-        _ALONE.reset(before)
+        _ONE_THREAD.reset(before)

@@ -19,10 +19,12 @@ _RATIO = 5.0  # largest ratio, either way, of a measured force to that of a simi
 _REVOLUTIONS = 10.0  # largest ratio, either way, of the revolutions to the nominal ones
 _LEAST_RUDDER = np.deg2rad(1.0)  # a smaller largest rudder angle is probably a value in rad under deg
 _MOST_DRIFT = 0.4  # largest drift, v/u, that is compared
-_APART = 0.45  # difference of two forces of one motion over the larger, from which they contradict each other
-_MATTERS = 0.1  # the same, over the largest force of all tests
+_CONTRADICTION = 0.45  # difference of two forces of one motion over the larger, from which they contradict each other
+_LEAST_DIFFERENCE = 0.1  # the same, over the largest force of all tests
 _LEAST_DRAG = np.deg2rad(9.0)  # rudder angle whose resistance is beyond the noise
-_PUSHING = 0.8  # fraction of these tests with less resistance than on the straight course: X' is of another sign
+_LESS_RESISTANCE = (
+    0.8  # fraction of these tests with less resistance than on the straight course: X' is of another sign
+)
 _LEVER, _LEVER_OFF = 0.5, 0.2  # L, of a rudder aft of midship, and the largest difference from it
 _SETTINGS = {"u", "n"}  # of a test, with which the resistance changes
 _SMALL = 1e-6  # prime motion that counts as none
@@ -82,7 +84,7 @@ def _contradictions(tests: xr.Dataset, vessel: Vessel) -> str:
         for name in (name for name in ("Y", "N") if name in tests):
             forces = tests[name].values
             low, high = float(forces[at].min()), float(forces[at].max())
-            if high - low > max(_APART * np.abs(forces[at]).max(), _MATTERS * np.abs(forces).max()):
+            if high - low > max(_CONTRADICTION * np.abs(forces[at]).max(), _LEAST_DIFFERENCE * np.abs(forces).max()):
                 u, v, delta = (float(tests[key].values[at[0]]) for key in ("u", "v", "delta"))
                 drift, delta = np.rad2deg([np.arctan2(-v, u) + 0.0, delta])
                 return (
@@ -125,7 +127,7 @@ def _resistance(tests: xr.Dataset, rudder: np.ndarray, straight: np.ndarray) -> 
         ]
         beside = straight[np.all(same, axis=0)]
         more += [float(X[k] - X[beside].mean())] if beside.size else []
-    if len(more) < _FEWEST or np.mean(np.array(more) > 0.0) < _PUSHING:
+    if len(more) < _FEWEST or np.mean(np.array(more) > 0.0) < _LESS_RESISTANCE:
         return ""
     return (
         f"a rudder angle adds to the resistance, found X' greater by {max(more):.3g} than on the straight course; "
@@ -163,7 +165,7 @@ def _drift(forces: Mapping[str, np.ndarray], v: np.ndarray, vessel: Vessel) -> s
                 "arctan(-v/u), v to starboard: change the sign of beta, or that of Y'."
             )
         if ratio > 0.0 and not 1.0 / _RATIO < ratio < _RATIO:
-            return _of_scale(f"{name}' in drift", ratio, vessel, "beta")
+            return _scale_sentence(f"{name}' in drift", ratio, vessel, "beta")
     return ""
 
 
@@ -175,7 +177,7 @@ def _yaw(forces: Mapping[str, np.ndarray], r: np.ndarray, vessel: Vessel) -> str
             "starboard: change the sign of r, or that of N'."
         )
     if "N" in forces and not 1.0 / _RATIO < ratio < _RATIO:
-        return _of_scale("N' in yaw", ratio, vessel, "r")
+        return _scale_sentence("N' in yaw", ratio, vessel, "r")
     if "Y" in forces:
         slope, usual = _ratio(forces["Y"], r), _ratio(hull["Y"], r)
         if abs(slope - usual + vessel.m) < abs(slope - usual):
@@ -201,7 +203,7 @@ def _rudder(forces: Mapping[str, np.ndarray], delta: np.ndarray, vessel: Vessel)
     return ""
 
 
-def _of_scale(force: str, ratio: float, vessel: Vessel, motion: str) -> str:
+def _scale_sentence(force: str, ratio: float, vessel: Vessel, motion: str) -> str:
     slenderness = vessel.particulars.L / (vessel.particulars.d or SLENDER_DRAUGHT * vessel.particulars.L)
     reasons = {
         slenderness: 'the forces are over L d: set frame.forces = "Ld" in a format file',

@@ -16,7 +16,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import as_path, check_counts, check_kind, short_repr
 from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_valid_checksum
 from pymc_ship.machine.errors import InferenceError, ShipError
-from pymc_ship.machine.files import settle, staged_path
+from pymc_ship.machine.files import finish_killed_runs, staged_path
 from pymc_ship.machine.seeds import Seed, random_generator
 
 CITATIONS = {
@@ -246,7 +246,7 @@ def read_posterior(path: str | Path) -> xr.DataTree:
     ValueError if there is none.
     """
     path = as_path("path", path)
-    settle(path.parent)
+    finish_killed_runs(path.parent)
     if not path.exists():
         raise ShipError(f"A posterior is read from a .nc or .zarr path, found nothing at {path}; check the path.")
     zarr = path.suffix == ".zarr"

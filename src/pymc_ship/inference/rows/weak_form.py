@@ -233,12 +233,12 @@ def _evidence_ridge(X: np.ndarray, y: np.ndarray, n_rows: int) -> np.ndarray:
     for _ in range(_ITERATIONS):
         # lambda_i = s_i^2 / (s_i^2 + sigma^2 / tau^2); tau^2 = |b|^2 / sum lambda
         shrinkage = s**2 / (s**2 + noise_variance / prior_variance)
-        determined = max(shrinkage.sum(), np.finfo(float).tiny)
+        n_effective = max(shrinkage.sum(), np.finfo(float).tiny)
         step = z * s / (s**2 + noise_variance / prior_variance)
         before = prior_variance, noise_variance
-        prior_variance = np.clip(np.sum(step**2) / determined, TAU[0] ** 2, TAU[1] ** 2)
+        prior_variance = np.clip(np.sum(step**2) / n_effective, TAU[0] ** 2, TAU[1] ** 2)
         misfit = outside + np.sum(((1.0 - shrinkage) * z) ** 2)
-        noise_variance = max(misfit / max(n_rows - determined, 1.0), least)
+        noise_variance = max(misfit / max(n_rows - n_effective, 1.0), least)
         if np.allclose((prior_variance, noise_variance), before, rtol=1e-6, atol=0.0):
             break
     return step @ right

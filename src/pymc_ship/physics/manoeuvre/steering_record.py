@@ -14,7 +14,7 @@ from pymc_ship.trial.record import second_difference_sd
 
 _SKEWED = np.deg2rad(2.0)  # largest shift of the base course from the course of the approach
 _ORDERED = 1.0  # deg, within which an angle is a multiple of 5
-_PLAY = 1.5  # deg, by which both sides of a zigzag fall short of it: backlash of 2 deg, half a step of 1 deg
+_BACKLASH = 1.5  # deg, by which both sides of a zigzag fall short of it: backlash of 2 deg, half a step of 1 deg
 _INNER = 0.6  # of the rudder angle, between which the rudder rate is measured
 _NEAR = 0.3  # of the rudder angle, largest difference of the two sides of a zigzag
 _LASTS = 0.1  # of the longest time at a fixed rudder
@@ -23,7 +23,7 @@ _SETTLED = 0.02  # of the time after the first execute: length of the approach t
 _BOTH_SIDES = 0.4  # of the time from the first execute; a sine is so near its extremes for 0.29 of it
 _ONE_SIDE = 0.7  # of the time from the first execute that the rudder of a turning circle is fixed
 _BREAK = 0.05  # of the time from there to a heading change of 180 deg, in which a fixed rudder is not at its angle
-_UNLIKE = 0.8  # of their median, largest deviation of the switching headings of a zigzag steered by hand
+_SCATTER = 0.8  # of their median, largest deviation of the switching headings of a zigzag steered by hand
 _WIDEST = 45.0  # deg, switching heading
 _LONGEST_CACHED = 200_000  # samples of the series whose values are cached
 
@@ -63,7 +63,7 @@ class SteeringRecord:
     def reversed_angle(self) -> int:
         """Rudder angle [deg] of a zigzag, as ordered."""
         angle = np.rad2deg(zigzag_rudder_angle(self.trial["delta"].values[is_manoeuvre(self.trial)]))
-        return self.ordered_angle(angle, short=_PLAY)
+        return self.ordered_angle(angle, short=_BACKLASH)
 
     @cached_property
     def switching_heading(self) -> int:
@@ -153,11 +153,11 @@ def _first_execute(delta: np.ndarray, time: np.ndarray) -> float:
     moving = time[first] - rough
     for longest in (_LASTS * (time[end - 1] - time[first]), moving):
         settled = towards[(ahead >= 0.0) & (ahead <= longest)]
-        helm = float(np.median(settled)) if settled.size else float(towards[0])
-        if helm >= 0.5 * full:
+        settled_angle = float(np.median(settled)) if settled.size else float(towards[0])
+        if settled_angle >= 0.5 * full:
             return float(time[first])
-        way = full - helm
-        begin = _line_begin(time, towards, (helm + 0.5 * way, helm + 0.25 * way), helm)
+        travel = full - settled_angle
+        begin = _line_begin(time, towards, (settled_angle + 0.5 * travel, settled_angle + 0.25 * travel), settled_angle)
         if rough - begin <= moving:  # else the line begins before another angle, which lasts
             break
     return max(float(time[0]), begin)
@@ -285,7 +285,7 @@ def zigzag_fault(reversals: Sequence[Reversal]) -> str:
     side = np.sign(reversals[0].heading) * (-1.0) ** np.arange(len(reversals))
     heading = np.rad2deg([reversal.heading for reversal in reversals]) * side
     middle = np.median(heading)
-    if heading.min() > 0.0 and np.abs(heading - middle).max() <= _UNLIKE * middle and middle < _WIDEST:
+    if heading.min() > 0.0 and np.abs(heading - middle).max() <= _SCATTER * middle and middle < _WIDEST:
         return ""
     changes = ", ".join(f"{value:.1f}" for value in side * heading)
     return f"the rudder is reversed at heading changes of {changes} deg, not at one to both sides up to {_WIDEST:g} deg"
@@ -301,7 +301,7 @@ def steering_text(trial: xr.Dataset) -> str:
     if fraction <= _ONE_SIDE:
         first = np.rad2deg(manoeuvre_rudder_angle(trial["delta"].values))
         return f"the rudder is put over to {first:.3g} deg, but not fixed at one angle or at two opposite angles"
-    if abs(angle) > _PLAY and _left_early(trial, angle):
+    if abs(angle) > _BACKLASH and _left_early(trial, angle):
         return f"the rudder leaves {angle:.3g} deg before the heading has changed by 180 deg"
     turned = SteeringRecord(trial, (), np.nan).heading_change_deg
     return f"the rudder is fixed at {angle:.3g} deg while the heading changes by {turned:.0f} deg"

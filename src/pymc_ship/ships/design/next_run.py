@@ -28,9 +28,9 @@ from pymc_ship.ships.ensemble.draws import Models, suitable_models, thinned_draw
 from pymc_ship.ships.ensemble.index_error import (
     equivalent_sd,
     error_sizes,
+    low_discrepancy,
     measurement_sd,
     model_error,
-    paired,
     steady_error,
 )
 from pymc_ship.ships.ensemble.index_table import index_rows
@@ -215,7 +215,7 @@ class _Design:
         middle = run.indices[list(names)].median("draw", keep_attrs=True).expand_dims(draw=SIZES)
         beyond = float(np.nanmax(extrapolation(self.vessel, self._central_motion(run), motion)["distance"]))
         quantile = (np.arange(SIZES) + 0.5) / SIZES
-        laws = {"quantile": quantile, "growth": self.growth(beyond), "growth_quantile": paired(SIZES)}
+        laws = {"quantile": quantile, "growth": self.growth(beyond), "growth_quantile": low_discrepancy(SIZES)}
         sizes = error_sizes(middle, self.errors, self.vessel, beyond=beyond, **laws)
         return np.array([sizes[name] for name in names])
 

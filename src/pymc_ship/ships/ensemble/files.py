@@ -17,7 +17,7 @@ from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikeliho
 from pymc_ship.machine.arguments import as_path, check_kind, name_list
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.errors import OutputError, VesselError
-from pymc_ship.machine.files import settle, staged_path
+from pymc_ship.machine.files import finish_killed_runs, staged_path
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
@@ -143,7 +143,7 @@ def load_ship(out: str | Path) -> Ship:
         For a missing ship, another format, or a checksum that differs.
     """
     folder = as_path("out", out, VesselError) / FOLDER
-    settle(folder.parent)
+    finish_killed_runs(folder.parent)
     index = _read_index(folder)
     members, motion = [], None
     for entry in index["terms"]:

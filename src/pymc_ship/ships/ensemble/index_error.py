@@ -87,10 +87,10 @@ def growth_at(growth: np.ndarray, measured: float, beyond: float) -> np.ndarray:
     """
     if not measured or beyond <= measured:
         return growth
-    return np.hypot(growth, (1.0 - measured / beyond) * np.quantile(_growth_of_ships(), paired(growth.size)))
+    return np.hypot(growth, (1.0 - measured / beyond) * np.quantile(_growth_of_ships(), low_discrepancy(growth.size)))
 
 
-def paired(size: int) -> np.ndarray:
+def low_discrepancy(size: int) -> np.ndarray:
     """Probabilities (size,) that pair a law with another, spread evenly over each part of it."""
     return np.arange(size) * 0.5 * (np.sqrt(5.0) - 1.0) % 1.0
 

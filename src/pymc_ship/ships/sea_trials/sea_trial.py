@@ -41,7 +41,7 @@ from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_r
 from pymc_ship.ships.sea_trials.uncertainty import uncertainty_budget
 from pymc_ship.trial.record import facility_of, numbered_trials, run_names
 
-_UNLIKE = 0.7  # difference of two drifts over one of them, from which they are not of one current
+_OTHER_CURRENT = 0.7  # difference of two drifts over one of them, from which they are not of one current
 
 
 @dataclass(frozen=True, repr=False)
@@ -272,7 +272,7 @@ def _currents(
     mean = _mean_current(list(currents.values()))
     for name in others:
         logged = logged_drift(trials[name])
-        if logged is None or np.hypot(*(logged - mean.velocity)) <= max(_UNLIKE * mean.speed, mean.radius):
+        if logged is None or np.hypot(*(logged - mean.velocity)) <= max(_OTHER_CURRENT * mean.speed, mean.radius):
             currents[name] = mean
             continue
         remarks.append(
