@@ -82,18 +82,12 @@ def r2d2(
 
     Parameters
     ----------
-    data : RegressionData
-    given : dict
-        Keyword arguments of the variable of the coefficients.
+    data, given
+        As :func:`horseshoe`, with the same result.
     mean, precision : float, optional
         Of R2.
     concentration : float, optional
         Of the Dirichlet distribution; below 1 few coefficients have most of R2.
-
-    Returns
-    -------
-    tuple of pytensor variables
-        Scaled coefficients and noise variance on the scaled response.
 
     References
     ----------

@@ -184,15 +184,13 @@ def nuts_posterior(
 
     Raises
     ------
-    ValueError
-        For counts that are not positive, an acceptance rate outside 0 to 1, other errors, or a sampler that is unknown
-        or not installed.
-    InferenceError
-        For AR(1) errors on rows not uniformly spaced in time, or hyperparameter vectors of the wrong length.
+    ValueError, InferenceError
+        As :func:`pymc_model`; for counts that are not positive, an acceptance rate outside 0 to 1, or a sampler that is
+        unknown or not installed.
 
     References
     ----------
-    Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516.
+    Hoffman & Gelman (2014), JMLR 15:1593; those of :func:`pymc_model`.
     """
     rng, sampler = random_generator(rng), _installed_sampler(sampler)
     state, seed = rng_state(rng), int(rng.integers(2**31))

@@ -180,16 +180,12 @@ def trajectory_nuts_posterior(
 
     Raises
     ------
-    TrialError, InferenceError
-        For trials or priors that cannot be used.
-    FitError
-        When no mode is found.
-    ValueError
-        For counts that are not positive.
+    TrialError, InferenceError, FitError, ValueError
+        As :func:`trajectory_model`; for counts that are not positive.
 
     References
     ----------
-    Hoffman & Gelman (2014), JMLR 15:1593; Maine & Iliff (1986), NASA RP-1168.
+    Hoffman & Gelman (2014), JMLR 15:1593; those of :func:`trajectory_model`.
     """
     rng = random_generator(rng)
     check_settings({"draws": draws, "chains": chains, "tune": tune})
