@@ -110,6 +110,7 @@ class NormalMixture(RotatedPosterior):
         """Posterior covariance of the coefficients, shape (n_terms, n_terms)."""
         locations, variances = self._components
         deviation = (locations - self.weights @ locations) @ self.basis
+        # E[cov(b | sigma2)] + cov(E[b | sigma2])
         return (self.basis.T * (self.weights @ variances)) @ self.basis + (deviation.T * self.weights) @ deviation
 
     @property
@@ -183,6 +184,7 @@ class NormalMixture(RotatedPosterior):
     def _moments(self, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         locations, variances = self._components
         location = self.weights @ locations
+        # E[var(y | sigma2)] + var(E[y | sigma2])
         variance = rotated**2 @ (self.weights @ variances) + self.weights @ ((locations - location) @ rotated.T) ** 2
         return rotated @ location, self.noise_variance_mean + variance
 

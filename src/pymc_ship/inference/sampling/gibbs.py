@@ -39,9 +39,10 @@ def _sweep(
             square = residual_square
             for i in range(s.size):
                 total = (ridge if ridge > 0.0 else variance) + s[i] ** 2
+                # g_i given sigma2: N(s z / total, sigma2 / total), total = ridge or sigma2, plus s^2
                 g[i] = (s[i] * z[i] + math.sqrt(variance * total) * rng.standard_normal()) / total
                 square += (z[i] - s[i] * g[i]) ** 2 + ridge * g[i] ** 2
-            variance = (scale + 0.5 * square) / rng.standard_gamma(shape)
+            variance = (scale + 0.5 * square) / rng.standard_gamma(shape)  # sigma2 given g: inverse gamma
             noise_variance[chain, max(step, 0)] = variance
 
 

@@ -249,6 +249,7 @@ def threshold_value(w: float, a: float, bayes_factor: bool) -> float:
     for _ in range(100):
         middle = 0.5 * (low + high)
         slab, odds, null, _ = _densities(middle, a)
+        # the median leaves 0 where w odds = 1 - w, P(mean = 0 | x) is 1/2 where w slab = (1 - w) null
         if w * (slab if bayes_factor else odds) > (1.0 - w) * null:
             high = middle
         else:

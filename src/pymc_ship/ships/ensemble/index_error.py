@@ -74,6 +74,7 @@ def extrapolation_growth(rows: Sequence[Mapping], errors: Mapping[str, np.ndarra
     for row in rows:
         error, known_variance = scaled_error(row)
         typical = EXTRAPOLATION_SD * row["beyond"]
+        # draws, sets and readings; model error within the runs; growth beyond them
         variance = known_variance + errors[row["kind"]][:, None] ** 2 + (typical * SIZE_GRID) ** 2
         log_likelihood -= 0.5 * LIKELIHOOD_WEIGHT * (np.log(variance) + error**2 / variance)
     return equal_sizes(SIZE_GRID, normalised_law(scipy.special.logsumexp(log_likelihood, axis=0)))

@@ -454,7 +454,7 @@ def _inflation(whole: WindowFit, validation: CrossValidation) -> float:
         prior, windows = _precisions(fit)
         spread = np.mean([np.log(sd / whole.effective_sd[name]) for name, sd in fit.effective_sd.items()])
         without = np.linalg.inv(prior + np.exp(2.0 * spread) * windows)
-        change = fit.coefficients - whole.coefficients
+        change = fit.coefficients - whole.coefficients  # its covariance is that without the run less that with it
         observed += change @ window_precision @ change
         expected += np.trace(window_precision @ (without - covariance))
     return float(np.clip(np.sqrt(observed / expected), 1.0, LARGEST_INFLATION)) if expected > 0.0 else 1.0

@@ -334,6 +334,7 @@ def _with_weights(
     density = np.array([candidate.densities(earlier) for candidate in candidates])
     run_weights = rng.dirichlet(np.ones(density.shape[1]), _BOOTSTRAPS)
     finite = np.where(np.isfinite(density), density, -1e9)
+    # elpd of a set in each bootstrap: number of runs times the weighted mean of its log densities
     total = density.shape[1] * run_weights @ finite.T
     weight = np.exp(total - total.max(axis=1, keepdims=True))
     weight = np.mean(weight / weight.sum(axis=1, keepdims=True), axis=0)
