@@ -106,7 +106,7 @@ def test_a_full_disk_ends_in_a_sentence_and_loses_nothing(study, plain, tmp_path
     code = "import sys, tests.experiments.cases as c\n"
     code += "from pymc_ship.experiments import run as e\n"
     code += "e.reported_montecarlo.__kwdefaults__['work'] = c.trivial\n"
-    code += "e._handling_seconds = lambda *_: 0.001\n"
+    code += "e._parent_seconds = lambda *_: 0.001\n"
     code += "from pymc_ship.cli.main import main; sys.exit(main(sys.argv[1:]))"
     words = ["montecarlo", str(study), "--workers", "1", "--quiet", "--out", str(tmp_path)]
 
@@ -132,7 +132,7 @@ def full(*args, **settings):
 
 
 def test_a_disk_that_is_full_when_a_part_is_written_keeps_its_journal(study, plain, tmp_path, monkeypatch):
-    monkeypatch.setattr(engine, "_handling_seconds", lambda *_: 0.001)
+    monkeypatch.setattr(engine, "_parent_seconds", lambda *_: 0.001)
     with monkeypatch.context() as patch:
         patch.setattr(pq.ParquetWriter, "write_table", full)
         with refused(ps.OutputError):

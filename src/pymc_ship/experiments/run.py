@@ -137,7 +137,7 @@ def _complete_tasks(
         return _tasks(store, missing) if missing else None
 
     try:
-        session["parent"] = _handling_seconds(store, executor)
+        session["parent"] = _parent_seconds(store, executor)
         for result in run_tasks(executor, work, remaining):
             clock = {"wall": time.perf_counter() - start, "workers": executor.workers}
             store.add(result | session | clock)
@@ -149,21 +149,21 @@ def _complete_tasks(
         ) from None
 
 
-def _handling_seconds(store: Store, executor: LocalCores | Cluster) -> float:
+def _parent_seconds(store: Store, executor: LocalCores | Cluster) -> float:
     """Seconds in which the parent sends a task and saves its result, measured with empty tasks."""
     none = {"session": 0, "executor": "", "workers": 0, "wall": 0.0, "parent": 0.0}
     folder, arrivals = store.out / ".rehearsal", []
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
-    stage = Store(folder, replace(store.study, seeds=EMPTY_TASKS))
-    first = stage.missing()[0]
+    empty_store = Store(folder, replace(store.study, seeds=EMPTY_TASKS))
+    first = empty_store.missing()[0]
 
     def remaining() -> Iterator | None:
-        missing = [one for one in stage.missing() if one[:2] == first[:2]]
-        return _tasks(stage, missing) if missing else None
+        missing = [one for one in empty_store.missing() if one[:2] == first[:2]]
+        return _tasks(empty_store, missing) if missing else None
 
     try:
         for result in run_tasks(executor, store.study.empty, remaining):
-            stage.add(result | none)
+            empty_store.add(result | none)
             arrivals.append(time.perf_counter())
     finally:
         shutil.rmtree(folder, ignore_errors=True)

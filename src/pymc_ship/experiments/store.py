@@ -53,13 +53,13 @@ class Store:
         unfinished: list[tuple[Any, str, Sequence[int]]] = []
         self._left.clear()
         for cell, seeds, part in self.study.parts():
-            done = self._done(part, len(seeds))
+            done = self._seeds_done(part, len(seeds))
             left = [seed for seed in seeds if seed not in done] if done else seeds
             if left:
                 unfinished.append((cell, part, left))
                 self._left[part] = len(left)
             else:
-                self._seal(part)
+                self._write_part(part)
         return unfinished
 
     def add(self, result: dict) -> None:
@@ -76,7 +76,7 @@ class Store:
             raise OutputError(f"{reason}; what was measured is kept: make room and run again.") from None
         self._left[part] -= 1
         if not self._left[part]:
-            self._seal(part)
+            self._write_part(part)
 
     def rows(self) -> Iterator[tuple[Any, pa.Table]]:
         """Rows of every part in the order of the study, by seed; read when asked for."""
@@ -94,24 +94,24 @@ class Store:
                 add_results(cell, rows)
                 yield cell, rows
 
-    def _done(self, part: str, size: int) -> set[int] | range:
+    def _seeds_done(self, part: str, size: int) -> set[int] | range:
         path, journal = self._parquet(part), self._journal(part)
         if path.exists():
-            with _whole(path):
+            with _study_errors(path):
                 if pq.read_metadata(path).num_rows == size:
                     return range(size)
             done = set(self._read(part)["seed"].to_pylist())
         else:
             done = set()
-        return done | {row["seed"] for row in self._lines(journal)}
+        return done | {row["seed"] for row in self._journal_rows(journal)}
 
-    def _seal(self, part: str) -> None:
+    def _write_part(self, part: str) -> None:
         path, journal = self._parquet(part), self._journal(part)
         if not journal.exists():
             return
         rows: dict[int, dict] = {}
         before = self._read(part).to_pylist() if path.exists() else []
-        for row in before + self._lines(journal):
+        for row in before + self._journal_rows(journal):
             rows.setdefault(row["seed"], row)
         table = pa.Table.from_pylist([rows[seed] for seed in sorted(rows)], self._schema)
         with staged_path(path) as partial:
@@ -121,13 +121,13 @@ class Store:
     def _read(self, part: str) -> pa.Table:
         """Rows of a part, where checksum and columns are right."""
         path = self._parquet(part)
-        with _whole(path), pq.ParquetFile(path) as file:
+        with _study_errors(path), pq.ParquetFile(path) as file:
             table = file.read()
             if not table.schema.equals(self._schema) or table.schema.metadata[_SUM] != _checksum(table, part):
                 raise ShipError("its checksum does not fit")
             return table.replace_schema_metadata()
 
-    def _lines(self, path: Path) -> list[dict]:
+    def _journal_rows(self, path: Path) -> list[dict]:
         """Results in a journal; an incomplete last line is cut off."""
         if not path.exists():
             return []
@@ -185,11 +185,11 @@ def locked_store(out: str | Path, study: Study) -> Iterator[Store]:
     with (out / ".lock").open("w") as lock:
         if not lock_descriptor(lock.fileno(), blocking=False):
             raise StudyError(f"Another run is at work in {out}; let it end or choose another folder.")
-        _remember(out / "study.json", study)
+        _write_record(out / "study.json", study)
         yield Store(out, study)
 
 
-def _remember(path: Path, study: Study) -> None:
+def _write_record(path: Path, study: Study) -> None:
     """Save the settings that the results depend on; raise where the folder has those of another study."""
     if path.exists():
         try:
@@ -209,7 +209,7 @@ def _checksum(table: pa.Table, part: str) -> bytes:
 
 
 @contextmanager
-def _whole(path: Path) -> Iterator[None]:
+def _study_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except (ValueError, KeyError, TypeError, OSError, pa.ArrowException) as error:

@@ -87,7 +87,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
 
     from pymc_ship.inference.sampling.whitened_model import coefficients_from_fit, linear_coordinates
 
-    if not _is_own(prior, data):
+    if not _is_custom(prior, data):
         warn_of_units(data, prior)
     if not callable(errors):
         error_law(errors, data)
@@ -196,7 +196,7 @@ def nuts_posterior(
     state, seed = rng_state(rng), int(rng.integers(2**31))
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept, "cores": cores}
     check_settings(settings)
-    if _is_own(prior, data) or callable(errors):
+    if _is_custom(prior, data) or callable(errors):
         model = pymc_model(data, prior, errors)
         sampled = sample_model(model, settings, seed, progress, sampler)
         return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
@@ -249,7 +249,7 @@ def check_settings(settings: dict) -> None:
     check_probabilities(target_accept=settings.get("target_accept", 0.8))
 
 
-def _is_own(prior: Prior | Callable, data: RegressionData) -> TypeIs[Callable]:
+def _is_custom(prior: Prior | Callable, data: RegressionData) -> TypeIs[Callable]:
     """Whether a prior is a function; InferenceError if neither prior nor function, and for other data."""
     check_data(data)
     own = callable(prior) and not isinstance(prior, type)

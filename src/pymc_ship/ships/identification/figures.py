@@ -52,14 +52,25 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
     return forecast_windows
 
 
+def channel_panels(runs: Sequence[str], channels: Sequence[str]) -> tuple[Figure, np.ndarray]:
+    """Panels against time, a column for each run and a row for each channel."""
+    fig, axes = subplots(8.0, 1.75 * len(channels) + 0.7, len(channels), len(runs), sharex="col", sharey="row")
+    for ax, name in zip(axes[0], runs, strict=True):
+        ax.set_title(name, parse_math=False)
+    for ax in axes[-1]:
+        ax.set_xlabel("time [s]")
+    for ax, channel in zip(axes[:, 0], channels, strict=True):
+        ax.set_ylabel(CHANNELS[channel].axis)
+    fig.align_ylabels(axes[:, 0])
+    return fig, axes
+
+
 @house_style
 def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
     """Measured motion of runs, and held-out forecasts of their windows; a dot marks each restart."""
     channels = next(iter(runs.values()))[0].channels
-    fig, axes = subplots(8.0, 1.75 * len(channels) + 0.7, len(channels), len(runs), sharex="col", sharey="row")
-    for column, (name, windows) in enumerate(runs.items()):
-        axes[0, column].set_title(name, parse_math=False)
-        axes[-1, column].set_xlabel("time [s]")
+    fig, axes = channel_panels(list(runs), channels)
+    for column, windows in enumerate(runs.values()):
         for row, channel in enumerate(channels):
             ax, factor = axes[row, column], CHANNELS[channel].unit.display_factor
             time = np.concatenate([window.time for window in windows])
@@ -69,9 +80,6 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
                 labels = ("forecast by the fit to the other runs", "restart") if k == 0 else (None, None)
                 ax.plot(window.time, factor * window.forecast[row], color=RUST, label=labels[0])
                 ax.plot(window.time[0], factor * window.forecast[row, 0], "o", ms=3, color=RUST, label=labels[1])
-            if column == 0:
-                ax.set_ylabel(CHANNELS[channel].axis)
-    fig.align_ylabels(axes[:, 0])
     fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
 

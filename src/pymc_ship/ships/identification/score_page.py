@@ -15,6 +15,7 @@ from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import fixed_point, heads, number, table
 from pymc_ship.records.files.quality_flags import ground_remarks, quality_remarks
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
+from pymc_ship.ships.identification.figures import channel_panels
 from pymc_ship.ships.identification.replay import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import named_trials
@@ -151,10 +152,8 @@ def windows_of(
     ``trials`` by name, the head of the column; ``length`` of a window and ``every``, the time between their starts [s];
     ``ci_prob``, the probability inside the bands.
     """
-    fig, axes = subplots(8.0, 1.75 * len(_DRAWN) + 0.7, len(_DRAWN), len(trials), sharex="col", sharey="row")
-    for column, (name, trial) in enumerate(trials.items()):
-        axes[0, column].set_title(name, parse_math=False)
-        axes[-1, column].set_xlabel("time [s]")
+    fig, axes = channel_panels(list(trials), _DRAWN)
+    for column, trial in enumerate(trials.values()):
         time = trial["time"].values
         begins = np.arange(time[0], time[-1] - length + 1e-9, every)
         trees = [replay(ship, trial, start=float(at), duration=length, draws=draws, ci_prob=ci_prob) for at in begins]
@@ -168,8 +167,5 @@ def windows_of(
                 ax.plot(at, median, color=RUST, label=labels[0])
                 ax.fill_between(at, lower, upper, color=RUST, alpha=0.25, lw=0.0, label=labels[1])
                 ax.plot(at[0], median[0], "o", ms=3, color=RUST, label=labels[2])
-            if column == 0:
-                ax.set_ylabel(CHANNELS[channel].axis)
-    fig.align_ylabels(axes[:, 0])
     fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return fig
