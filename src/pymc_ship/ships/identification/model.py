@@ -355,10 +355,7 @@ def _index_noise(training: Training, rng: np.random.Generator) -> list[dict[str,
 def _validation_rows(
     candidates: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
 ) -> tuple[list[dict], list[dict]]:
-    """Indices of held-out runs by the fits to the others, and of the harder runs by those to the milder ones.
-
-    The latter with their distance ``beyond`` the milder runs.
-    """
+    """Indices of held-out runs by fits to the others, and of harder runs, with ``beyond``, by fits to milder ones."""
     noise = _index_noise(training, rng)
     rows: list[dict] = []
     for k in range(len(names)) if len(names) > 1 else ():
