@@ -211,11 +211,11 @@ def _check_numbers(path: Path, index: Mapping) -> None:
         raise VesselError(f"{path}: the weights of terms are from 0 up with the sum 1, found {found}; {_ANEW}.")
     sizes = {key: np.hstack([0.0, *index[key].values()]) for key in ("index_error", "motion_error")}
     sizes["extrapolation_growth"] = np.hstack([0.0, index.get("extrapolation_growth", 0.0)])
+    rows = [*index["held_out_indices"], *index.get("harder_indices", ())]
     gears = index["facilities"].values()
-    sizes["facilities"] = np.array([gear[key] for gear in gears for key in gear if key != "approach_speed"])
-    unknown = [row["measured_sd"] for key in ("held_out_indices", "harder_indices") for row in index.get(key, ())]
-    speeds = np.array([*unknown, *(gear["approach_speed"] for gear in gears)])  # NaN where it is unknown
-    sizes["measured_sd or approach_speed"] = speeds[~np.isnan(speeds)]
+    known_in_part = {"measured_sd": [row["measured_sd"] for row in rows]}
+    known_in_part |= {one.name: [gear[one.name] for gear in gears] for one in fields(Steering)}
+    sizes |= {key: np.array(values)[~np.isnan(values)] for key, values in known_in_part.items()}
     for key, values in sizes.items():
         if wrong := values[~(values >= 0.0) | np.isinf(values)].tolist():
             raise VesselError(f"{path}: the numbers of {key} are finite and from 0 up, found {wrong[0]:g}; {_ANEW}.")
