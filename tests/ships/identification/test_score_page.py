@@ -132,6 +132,7 @@ def test_a_forecast_of_a_record_has_its_revolutions():
     )
     true = ps.indices(run)["time_to_180"]
     assert one["indices"]["time_to_180"].values == pytest.approx(float(true), rel=2e-3)
+    assert not any(row["surroundings"] for row in ps.imo_probabilities(one, parts))
     nominal = ps.forecast(ship_of(of_parts), manoeuvre, **settings)["indices"]["time_to_180"].values
     assert nominal.max() < 0.99 * float(true)
     stated = f"The forecast has the median revolutions of the record, {60.0 * slow:.3g} 1/min."

@@ -140,6 +140,8 @@ def recorded_forecast(
     models = thinned_draws(_models_at_facility(ship, facility), draws)
     each = [recorded_settings(trial, vessel) for vessel, _ in models]
     tree = _ship_forecast(ship, models, manoeuvre, rng, facility, each=each, **settings)
+    for group in tree.subtree:
+        group.attrs.pop("n", None)  # the revolutions of the approach, with which the criteria are measured
     tree.attrs["steering"] = " ".join([tree.attrs["steering"], *_recorded_sentences(each)])
     return tree
 
