@@ -159,18 +159,19 @@ def _ship_of(args: argparse.Namespace, rng: np.random.Generator, progress: Progr
 
 def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | dict[str, xr.DataTree]:
     """Joint posterior of a file, or the posteriors by DOF that `regress` wrote."""
-    joint = path.suffix in FILES
-    files = {"joint": path} if joint else {dof: path / f"{dof}-{family}.nc" for dof in vessel.dofs}
-    trees: dict[str, xr.DataTree] = {}
-    for dof, file in files.items():
-        trees[dof] = read_posterior(file)
-        found = trees[dof].attrs.get("dof")
-        if not joint and found != dof:
-            raise ValueError(
-                f"{file} must be a posterior of {dof}, found one of {found}; run `pymc-ship regress` first."
-            )
-        check_same_vessel("The posterior", trees[dof].attrs, vessel, f" in {file}")
-    return trees["joint"] if joint else trees
+    if path.suffix in FILES:
+        return _posterior(path, vessel)
+    return {dof: _posterior(path / f"{dof}-{family}.nc", vessel, dof) for dof in vessel.dofs}
+
+
+def _posterior(path: Path, vessel: Vessel, dof: str = "") -> xr.DataTree:
+    """Posterior of a file; ValueError for another DOF than a stated one, VesselError for another vessel."""
+    tree = read_posterior(path)
+    found = tree.attrs.get("dof")
+    if dof and found != dof:
+        raise ValueError(f"{path} must be a posterior of {dof}, found one of {found}; run `pymc-ship regress` first.")
+    check_same_vessel("The posterior", tree.attrs, vessel, f" in {path}")
+    return tree
 
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
@@ -179,15 +180,13 @@ def whiteness(values: np.ndarray) -> dict[str, float]:
     ``band`` is 1.96/sqrt(n), half the width of the white-noise band. ValueError for fewer than ten values. Ljung & Box
     (1978), Biometrika 65(2):297, doi:10.1093/biomet/65.2.297.
     """
-    from scipy.stats import chi2
-
     n = len(values)
     if n < 10:
         raise ShipError(f"A test of whiteness needs ten values or more, found {n}; use a longer trial.")
     lags = min(10, n // 5)
     r = autocorrelation(values, lags)
     statistic = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
-    p_value = float(chi2.sf(statistic, lags))
+    p_value = float(scipy.stats.chi2.sf(statistic, lags))
     return {"r1": float(r[0]), "lags": lags, "statistic": statistic, "p_value": p_value, "band": 1.96 / np.sqrt(n)}
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import matplotlib
 import numpy as np
+import scipy
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -108,13 +109,11 @@ def autocorrelation_figure(dataset: xr.Dataset) -> Figure:
 @house_style
 def quantiles_figure(dataset: xr.Dataset) -> Figure:
     """Quantiles of the whitened residuals of every channel against those of the standard normal."""
-    from scipy.stats import norm
-
     fig, panels = _channel_panels(dataset, 2.4, "residual quantile [sd]")
     for ax, name in panels:
         for run, values in _series(dataset, name):
             points = (np.arange(min(values.size, QUANTILES)) + 0.5) / min(values.size, QUANTILES)
-            ax.plot(norm.ppf(points), np.quantile(values, points), ".", ms=3, label=f"run {run + 1}")
+            ax.plot(scipy.stats.norm.ppf(points), np.quantile(values, points), ".", ms=3, label=f"run {run + 1}")
         ax.axline((0.0, 0.0), slope=1.0, color=REFERENCE, ls="--", lw=0.9, label="normal")
         ax.set_xlabel("standard normal quantile")
     fig.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=6, markerscale=2.0)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import norm
 
 from pymc_ship.inference.regression.identify import identify
 from pymc_ship.inference.regression.priors import ExactPosterior
@@ -86,7 +86,7 @@ def exact_estimate(exact: Mapping[str, ExactPosterior]) -> Estimate:
 def trajectory_estimate(fit: TrajectoryFit) -> Estimate:
     """Mode and normal approximation of a trajectory fit; medians and quantiles of draws where the prior has factors."""
     if fit.problem.prior.law is None:
-        ends = fit.coefficients + fit.sd * norm.ppf(LEVELS)[:, None]
+        ends = fit.coefficients + fit.sd * scipy.stats.norm.ppf(LEVELS)[:, None]
     else:
         draws = approximate_draws(fit, 1, _DRAWS, np.random.default_rng(0))[0][:, : fit.coefficients.size]
         ends = np.quantile(draws, LEVELS, axis=0)

@@ -83,9 +83,9 @@ class Channel:
 
 _HEADINGS = {  # other names of each channel in files
     "time": (
-        "t, elapsed time, timestamp, time stamp, datetime, date time, date/time, utc, utc time, time utc, date/time "
-        "utc, gps time, local time, sec, secs, seconds, stamp sec, stamp secs, elapsed, time since start, date and "
-        "time, time of day, clock, clock time, header stamp sec, header stamp secs, field header stamp secs"
+        "t, elapsed time, timestamp, time stamp, datetime, date time, date/time, utc, utc time, time utc, "
+        "date/time utc, gps time, local time, sec, secs, seconds, stamp sec, stamp secs, elapsed, time since start, "
+        "date and time, time of day, clock, clock time, header stamp sec, header stamp secs, field header stamp secs"
     ),
     "u": (
         "stw, speed through water, log speed, u velo, surge, surge velocity, surge speed, longitudinal velocity, "
@@ -99,8 +99,8 @@ _HEADINGS = {  # other names of each channel in files
     "p": "roll rate, rollrate, roll velocity, roll, angular x, angular velocity x",
     "phi": "roll, roll angle, heel, heel angle, φ",
     "psi": (
-        "hdt, hdm, ths, true heading, heading true, gyro, gyro heading, psi hat, heading, heading angle, yaw, yaw "
-        "angle, hdg, ψ"
+        "hdt, hdm, ths, true heading, heading true, gyro, gyro heading, psi hat, heading, heading angle, yaw, "
+        "yaw angle, hdg, ψ"
     ),
     "x": "x position mid, x position, x pos, north, northing, position x",
     "y": "y position mid, y position, y pos, east, easting, position y",

@@ -22,9 +22,7 @@ _MOST_DRIFT = 0.4  # largest drift, v/u, that is compared
 _CONTRADICTION = 0.45  # difference of two forces of one motion over the larger, from which they contradict each other
 _LEAST_DIFFERENCE = 0.1  # the same, over the largest force of all tests
 _LEAST_DRAG = np.deg2rad(9.0)  # rudder angle whose resistance is beyond the noise
-_LESS_RESISTANCE = (
-    0.8  # fraction of these tests with less resistance than on the straight course: X' is of another sign
-)
+_LESS_RESISTANCE = 0.8  # least fraction of these tests with less resistance than straight ahead: X' has another sign
 _LEVER, _LEVER_OFF = 0.5, 0.2  # L, of a rudder aft of midship, and the largest difference from it
 _SETTINGS = {"u", "n"}  # of a test, with which the resistance changes
 _SMALL = 1e-6  # prime motion that counts as none

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numba import njit
 from numpy.typing import ArrayLike
 
@@ -110,10 +111,12 @@ class NormalInverseGamma(RotatedPosterior):
     @property
     def evidence_gradient(self) -> np.ndarray:
         """Derivative of the log evidence by the logs of shape, noise variance and kappa, shape (3,)."""
-        from scipy.special import digamma
-
         by_scale = self.prior_shape - self.shape * self.prior_scale / self.scale
-        by_shape = digamma(self.shape) - digamma(self.prior_shape) - math.log(self.scale / self.prior_scale)
+        by_shape = (
+            scipy.special.digamma(self.shape)
+            - scipy.special.digamma(self.prior_shape)
+            - math.log(self.scale / self.prior_scale)
+        )
         by_kappa = 0.5 * (self.shape / self.scale * np.sum(self.location**2) - np.sum(1.0 - self.spread))
         return np.array([self.prior_shape * by_shape + by_scale, by_scale, by_kappa])
 
@@ -139,18 +142,14 @@ class NormalInverseGamma(RotatedPosterior):
 
     def quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Marginal quantiles of the coefficients, shape (n, n_terms), at n probabilities."""
-        from scipy.special import stdtrit
-
         p = probability_array(probabilities, InferenceError)
-        t = np.where(p == 0.0, -np.inf, stdtrit(self.degrees_of_freedom, p))  # stdtrit has +inf at 0
+        t = np.where(p == 0.0, -np.inf, scipy.special.stdtrit(self.degrees_of_freedom, p))  # which has +inf at 0
         return self.mean + t[:, None] * self.t_scale
 
     def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Quantiles of the noise variance at n probabilities, shape (n,)."""
-        from scipy.special import gammainccinv
-
         with np.errstate(divide="ignore"):  # infinite at 1
-            return self.scale / gammainccinv(self.shape, probability_array(probabilities, InferenceError))
+            return self.scale / scipy.special.gammainccinv(self.shape, probability_array(probabilities, InferenceError))
 
     def noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
         """Posterior density of the noise variance at the given values, same shape."""

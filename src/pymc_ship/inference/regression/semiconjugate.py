@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numba import njit
 from numpy.typing import ArrayLike
 
@@ -116,10 +117,12 @@ class NormalMixture(RotatedPosterior):
     @property
     def evidence_gradient(self) -> np.ndarray:
         """Derivative of the log evidence by the logs of shape, noise variance and kappa, shape (3,)."""
-        from scipy.special import digamma
-
         by_scale = self.prior_shape - self.prior_scale * float(self.weights @ np.exp(-self.log_noise_variance))
-        by_shape = math.log(self.prior_scale) - digamma(self.prior_shape) - self.weights @ self.log_noise_variance
+        by_shape = (
+            math.log(self.prior_scale)
+            - scipy.special.digamma(self.prior_shape)
+            - self.weights @ self.log_noise_variance
+        )
         locations, variances = self._components
         by_kappa = 0.5 * self.weights @ np.sum(locations**2 - (1.0 - variances), axis=1)
         return np.array([self.prior_shape * by_shape + by_scale, by_scale, by_kappa])
@@ -139,26 +142,24 @@ class NormalMixture(RotatedPosterior):
 
     def quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Marginal quantiles of the coefficients, shape (n, n_terms), at n probabilities."""
-        from scipy.special import ndtr, ndtri
-
         locations, variances = self._components
         middle, sd = locations @ self.basis, np.sqrt(variances @ self.basis**2)
         probability = probability_array(probabilities, InferenceError)[:, None]
-        components = middle + ndtri(probability)[:, :, None] * sd
+        components = middle + scipy.special.ndtri(probability)[:, :, None] * sd
 
         def distribution(value: np.ndarray) -> np.ndarray:
-            return np.einsum("k,qkj->qj", self.weights, ndtr((value[:, None] - middle) / sd))
+            return np.einsum("k,qkj->qj", self.weights, scipy.special.ndtr((value[:, None] - middle) / sd))
 
         return self.center + _bisect(distribution, probability, components.min(axis=1), components.max(axis=1))
 
     def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Quantiles of the noise variance at n probabilities, shape (n,), from the sinc interpolant of the density."""
-        from scipy.special import sici
-
         t, probability = self.log_noise_variance, probability_array(probabilities, InferenceError)
 
         def distribution(value: np.ndarray) -> np.ndarray:
-            return (0.5 + sici(math.pi * (value[:, None] - t) / (t[1] - t[0]))[0] / math.pi) @ self.weights
+            return (
+                0.5 + scipy.special.sici(math.pi * (value[:, None] - t) / (t[1] - t[0]))[0] / math.pi
+            ) @ self.weights
 
         inside = np.exp(_bisect(distribution, probability, t[0], t[-1]))
         return np.where(probability == 0.0, 0.0, np.where(probability == 1.0, np.inf, inside))

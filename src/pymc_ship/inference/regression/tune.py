@@ -10,6 +10,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+import scipy
 
 from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import prior_family
@@ -284,11 +285,10 @@ def _minimise(
     by_gradient: bool = False,
 ) -> np.ndarray:
     """Minimum of a loss in the unit cube by L-BFGS-B from several starts; the loss may come with its gradient."""
-    from scipy.optimize import minimize
-
     bounds = [(0.0, 1.0)] * starts.shape[1]
     results = [
-        minimize(loss, x, jac=by_gradient or None, method="L-BFGS-B", bounds=bounds, options=options) for x in starts
+        scipy.optimize.minimize(loss, x, jac=by_gradient or None, method="L-BFGS-B", bounds=bounds, options=options)
+        for x in starts
     ]
     return np.clip(min(results, key=lambda result: result.fun).x, 0.0, 1.0)
 

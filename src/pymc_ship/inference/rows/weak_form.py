@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from pymc_ship.machine.arguments import check_choice
@@ -24,9 +24,6 @@ from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 from pymc_ship.records.checks.record_quality import SAMPLES_BAD
 from pymc_ship.records.files.ship_scale import ship_scale
 from pymc_ship.trial.record import sampling_interval, trial_list
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 RADIUS = 0.275  # half the support of a test function [L/U_nom], at least :data:`_FEWEST` samples
 INTERVAL = 0.2  # interval of the centres of the test functions for the start of a fit, over the radius
@@ -177,12 +174,10 @@ def _momentum(vessel: Vessel, record: dict[str, np.ndarray]) -> np.ndarray:
     return vessel.inertia_matrix @ motion
 
 
-def _kernel_matrix(kernel: np.ndarray, starts: np.ndarray, n_time: int) -> csr_array:
-    from scipy.sparse import csr_array
-
+def _kernel_matrix(kernel: np.ndarray, starts: np.ndarray, n_time: int) -> scipy.sparse.csr_array:
     columns = (starts[:, None] + np.arange(kernel.size)).ravel()
     ends = np.arange(starts.size + 1) * kernel.size
-    return csr_array((np.tile(kernel, starts.size), columns, ends), shape=(starts.size, n_time))
+    return scipy.sparse.csr_array((np.tile(kernel, starts.size), columns, ends), shape=(starts.size, n_time))
 
 
 def _stack_rows(

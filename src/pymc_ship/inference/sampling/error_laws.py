@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from pymc_ship.inference.rows.data import RegressionData
@@ -56,9 +57,11 @@ def _normal_log_likelihood(residual: np.ndarray, noise_variance: np.ndarray, _: 
 
 
 def _student_t_log_likelihood(residual: np.ndarray, noise_variance: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    from scipy.special import gammaln
-
-    constant = gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu) - 0.5 * np.log(math.pi * nu * noise_variance)
+    constant = (
+        scipy.special.gammaln(0.5 * (nu + 1.0))
+        - scipy.special.gammaln(0.5 * nu)
+        - 0.5 * np.log(math.pi * nu * noise_variance)
+    )
     tail = np.log1p(residual**2 / (nu * noise_variance)[..., None])
     return constant[..., None] - 0.5 * (nu + 1.0)[..., None] * tail
 

@@ -15,6 +15,7 @@ import numpy as np
 import nutpie
 import pymc as pm
 import pytensor.tensor as pt
+import scipy
 from pymc.distributions.transforms import Transform
 from pytensor.tensor.variable import TensorVariable
 
@@ -110,8 +111,6 @@ def statistics(data: RegressionData, prior: Prior) -> dict[str, np.ndarray]:
 
 
 def _noise_level(prior: Prior, rotation: Rotation, n_rows: int) -> tuple[float, float]:
-    from scipy.optimize import brentq
-
     s, z = rotation.singular_values, rotation.projection
     rate, excess = prior.scale + 0.5 * rotation.residual_square, 0.5 * (n_rows - len(s))
     power = prior.noise_power
@@ -126,7 +125,7 @@ def _noise_level(prior: Prior, rotation: Rotation, n_rows: int) -> tuple[float, 
 
     low = math.log(rate / (prior.shape + 0.5 * n_rows)) - 1.0
     high = math.log((rate + 0.5 * np.sum(z**2)) / (prior.shape + max(excess, 0.0))) + 1.0
-    return brentq(slope, low, high), 1.0 / math.sqrt(prior.shape + 0.5 * n_rows)
+    return scipy.optimize.brentq(slope, low, high), 1.0 / math.sqrt(prior.shape + 0.5 * n_rows)
 
 
 class LinearTransform(Transform):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numba import njit
 
 FREEDOM = 4.0  # degrees of freedom of Student's t, here and in fits to windows
@@ -37,11 +38,9 @@ class ScaleLaw:
 
     def log_density(self, z: np.ndarray, eta: np.ndarray) -> np.ndarray:
         """Log density of z = (theta - mean) / scale (..., n_coefficients) given eta (..., n_factors)."""
-        from scipy import stats
-
         log_factor = eta @ self.exponents.T
-        student = stats.t.logpdf(z * np.exp(-log_factor), FREEDOM) - log_factor
-        return np.where(self.is_scaled, student, stats.norm.logpdf(z)).sum(axis=-1)
+        student = scipy.stats.t.logpdf(z * np.exp(-log_factor), FREEDOM) - log_factor
+        return np.where(self.is_scaled, student, scipy.stats.norm.logpdf(z)).sum(axis=-1)
 
 
 class Scales(NamedTuple):

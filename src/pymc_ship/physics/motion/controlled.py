@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numba import njit
 
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -41,8 +42,6 @@ def course(
     Eighth-order method of Dormand & Prince; ``tolerance`` is the error of a step, relative to the state or to U, U/L,
     1 rad and L where the state is smaller (Hairer, Norsett & Wanner 1993, II.10, doi:10.1007/978-3-540-78862-1).
     """
-    from scipy.integrate import solve_ivp
-
     constants, rate = scheme(vessel), rudder_rate(vessel, manoeuvre)
     hull, lanes, column = constants.hull, lanes_at_rest(1, 1, constants), coefficients[:, None].copy()
     set_parts(column, constants, lanes.work)
@@ -72,7 +71,7 @@ def course(
         stop = float(min(end, switch_at, knots[knots > now].min(initial=end)))
         events = [out_of_range, *([heading_reached] if np.isfinite(heading) and switch_at == np.inf else [])]
         settings = {"rtol": tolerance, "atol": smallest, "dense_output": True, "events": events}
-        solution = solve_ivp(motion, (now, stop), state, "DOP853", **settings)
+        solution = scipy.integrate.solve_ivp(motion, (now, stop), state, "DOP853", **settings)
         reached, state = float(solution.t[-1]), solution.y[:, -1]
         inside = (time >= now) & (time < reached)
         if inside.any():

@@ -62,12 +62,8 @@ def _from_code(trial: xr.Dataset, name: str, unit: float) -> xr.Dataset:
     return changed(trial, **{name: unit * CODES["ais"](trial[name].values / unit)})
 
 
-def _wrong_unit(name: str, unit: str, factor: float) -> Mistake:
-    return Mistake(name, f"{name} is in {unit}", partial(_scaled, names=name, factor=factor), f'unit = "{unit}"')
-
-
-def _twice(name: str, unit: str, converted: str, factor: float) -> Mistake:
-    words = f"{name} is {unit} that was converted as {converted}"
+def _wrong_unit(name: str, unit: str, factor: float, converted: str = "") -> Mistake:
+    words = f"{name} is {unit} that was converted as {converted}" if converted else f"{name} is in {unit}"
     return Mistake(name, words, partial(_scaled, names=name, factor=factor), f'unit = "{unit}"')
 
 
@@ -168,10 +164,10 @@ MISTAKES = (
     _wrong_unit("psi", "deg", _DEG),
     _wrong_unit("phi", "deg", _DEG),
     _wrong_unit("delta", "deg", _DEG),
-    _twice("r", "deg/s", "deg/min", 60.0),
-    _twice("r", "deg/min", "deg/s", 1.0 / 60.0),
-    _twice("r", "rad/s", "deg/s", 1.0 / _DEG),
-    _twice("psi", "rad", "deg", 1.0 / _DEG),
+    _wrong_unit("r", "deg/s", 60.0, converted="deg/min"),
+    _wrong_unit("r", "deg/min", 1.0 / 60.0, converted="deg/s"),
+    _wrong_unit("r", "rad/s", 1.0 / _DEG, converted="deg/s"),
+    _wrong_unit("psi", "rad", 1.0 / _DEG, converted="deg"),
     *SIGNS,
     _reversed("p"),
     _reversed("psi", 'heading = "counterclockwise"'),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from pymc_ship.physics.motion.equations import STATE
@@ -207,13 +208,13 @@ def _interpolated(trial: xr.Dataset, cells: dict[str, np.ndarray]) -> xr.Dataset
 
 def spikes(values: np.ndarray) -> np.ndarray:
     """Indices of isolated samples (one or two in a row) beyond their surroundings, see :data:`SPIKE`."""
-    from scipy.ndimage import median_filter
-
     if values.size < 4 * _HALF_WINDOW:
         return np.empty(0, dtype=int)
-    away = values - median_filter(values, 2 * _HALF_WINDOW + 1, mode="nearest")
+    away = values - scipy.ndimage.median_filter(values, 2 * _HALF_WINDOW + 1, mode="nearest")
     low, high = np.quantile(values, [0.001, 0.999])
-    sd = np.maximum(second_difference_sd(values[None])[0], median_filter(np.abs(away), _SURROUNDINGS) / 0.6745)
+    sd = np.maximum(
+        second_difference_sd(values[None])[0], scipy.ndimage.median_filter(np.abs(away), _SURROUNDINGS) / 0.6745
+    )
     limit = np.maximum(SPIKE * sd, LEAST_SPIKE * (high - low))
     out = np.flatnonzero((np.abs(away) > limit) & (limit > 0.0))
     found: list[int] = []
@@ -386,12 +387,10 @@ def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: f
 
 def _rudder_at_rest(trial: xr.Dataset, ship_time: float) -> int:
     """Samples of the longest fixed rudder angle at which the ship begins a turn and ends it; 0 without one."""
-    from scipy.ndimage import uniform_filter1d
-
     if not {"delta", "r", "u"} <= set(trial):
         return 0
     delta, u = trial["delta"].values, trial["u"].values
-    rate = uniform_filter1d(trial["r"].values.astype(float), max(round(FROZEN * ship_time), 1))
+    rate = scipy.ndimage.uniform_filter1d(trial["r"].values.astype(float), max(round(FROZEN * ship_time), 1))
     turning = rate / np.maximum(u, max(SLOW * float(np.quantile(u, 0.95)), np.finfo(float).tiny))
     turning = turning / max(float(np.quantile(np.abs(turning), 0.99)), np.finfo(float).tiny)
     longest = 0

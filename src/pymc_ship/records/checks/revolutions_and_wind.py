@@ -73,10 +73,11 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if not all(np.isfinite(trial[key].values).all() for key in ("wind_speed", "wind_direction")):
         return Check(name, "doubtful", "The wind is missing in a part of the record; fill it in.")
     if np.ptp(trial["wind_direction"].values) == 0.0 < np.ptp(trial["wind_speed"].values):
+        angle = np.rad2deg(trial["wind_direction"].values[0])
         text = (
-            f"wind_direction stays at {np.rad2deg(trial['wind_direction'].values[0]):.3g} deg while wind_speed varies: "
+            f"wind_direction stays at {angle:.3g} deg while wind_speed varies: a vane that is stuck or not connected; "
+            "leave both columns out, or state the direction."
         )
-        text += "a vane that is stuck or not connected; leave both columns out, or state the direction."
         return Check(name, "doubtful", text)
     if np.ptp(trial["psi"].values) < _TURNED:
         return not_checked(name, "true and relative wind cannot be distinguished on one course")

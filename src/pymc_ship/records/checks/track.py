@@ -246,12 +246,8 @@ def _sway_at_no_yaw(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float]:
     v = a r + b r|r| + c dr/dt + d, over blocks, of a ship that turns to both sides; else v = d on a straight approach.
     Speeds over ground have d in proportion to u, as by a heading that is off; their approach is another check's.
     """
-    n, interval, r, over_ground = (
-        straight_approach(trial),
-        sampling_interval(trial),
-        trial["r"],
-        has_ground_speeds(trial),
-    )
+    n, interval = straight_approach(trial), sampling_interval(trial)
+    r, over_ground = trial["r"], has_ground_speeds(trial)
     turns = abs(float(r[: max(n, 1)].mean())) * scale.time > STRAIGHT_TURN
     blocks = ship_blocks(trial, scale, YAW_BLOCK)
     u, v, yaw = (blocks.middles(trial[name].values) for name in ("u", "v", "r"))
@@ -306,9 +302,9 @@ def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return Check("track closure", "bad", f"{text}, {left:.3g} m unexplained; do not fit it.", numbers)
     if words := _drift_of_the_log(trial, good):
         return Check("track closure", "doubtful", words, numbers)
-    if drift <= good and (words := _current_across(trial, scale)):
-        return Check("track closure", "doubtful", words, numbers)
     if drift <= good:
+        if words := _current_across(trial, scale):
+            return Check("track closure", "doubtful", words, numbers)
         return Check("track closure", "good", f"{text} at most, over {distance:.0f} m.", numbers)
     current = float(np.hypot(*fit[:2]))
     text += f"; a current or offset of {current:.2g} m/s and a scale of {1.0 + fit[2]:.3f} leave {left:.2g} m: "

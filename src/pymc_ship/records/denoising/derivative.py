@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from pymc_ship.machine.arguments import check_choice, real_array
@@ -41,6 +42,4 @@ def derivative(
         return np.diff(signal, axis=-1, append=2.0 * signal[..., -1:] - signal[..., -2:-1]) / step
     if method == "central":
         return np.gradient(signal, step, axis=-1, edge_order=2)
-    from scipy.signal import savgol_filter  # 0.5 s to import
-
-    return savgol_filter(signal, length, order, deriv=1, delta=step, axis=-1)
+    return scipy.signal.savgol_filter(signal, length, order, deriv=1, delta=step, axis=-1)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from pymc_ship.records.denoising import wavelets
 
@@ -35,8 +36,6 @@ class Smoother(NamedTuple):
 
 def savitzky_golay(signal: np.ndarray) -> Smooth:
     """Local cubic over a window of samples; the ends by the cubic of the outermost window."""
-    from scipy.signal import oaconvolve
-
     n_time = signal.size
     best = (np.inf, signal, 0.0, 0)
     for half in _grid((POLYNOMIAL_ORDER + 2) // 2, (n_time - 1) // 2):
@@ -45,7 +44,7 @@ def savitzky_golay(signal: np.ndarray) -> Smooth:
         weights = (3.0 * half * half + 3.0 * half - 1.0 - 5.0 * offsets**2) / norm
         ends = signal[:window], signal[-window:]
         begin, end = (np.polynomial.Polynomial.fit(offsets, part, 3)(offsets) for part in ends)
-        middle = oaconvolve(signal, weights, "valid")
+        middle = scipy.signal.oaconvolve(signal, weights, "valid")
         estimate = np.concatenate([begin[:half], middle, end[half + 1 :]])
         trace = (n_time - window) * weights[half] + POLYNOMIAL_ORDER + 1
         best = min(best, (*_cross_validation(signal, estimate, trace), window), key=lambda result: result[0])
@@ -55,17 +54,15 @@ def savitzky_golay(signal: np.ndarray) -> Smooth:
 
 def low_pass(signal: np.ndarray) -> Smooth:
     """Zero-phase Butterworth filter with a cut-off [cycles per sample], by the cosine transform less a trend."""
-    from scipy.fft import dct, idct
-
     n_time, trend = signal.size, wavelets.end_trend(signal)
-    spectrum = dct(signal - trend, norm="ortho")
+    spectrum = scipy.fft.dct(signal - trend, norm="ortho")
     best = (np.inf, 0.0, np.zeros(0), 0)
     for cutoff in _grid(1, n_time):
         gain = 1.0 / (1.0 + (np.arange(n_time) / cutoff) ** (2.0 * BUTTERWORTH_ORDER))
         score, smooth, sdev = _cross_validation(spectrum, gain * spectrum, gain.sum())
         best = min(best, (score, sdev, smooth, cutoff), key=lambda result: result[0])
     _, sdev, smooth, cutoff = best
-    return Smooth(idct(smooth, norm="ortho") + trend, sdev, 0.5 * cutoff / n_time)
+    return Smooth(scipy.fft.idct(smooth, norm="ortho") + trend, sdev, 0.5 * cutoff / n_time)
 
 
 def rts(signal: np.ndarray) -> Smooth:
@@ -74,23 +71,22 @@ def rts(signal: np.ndarray) -> Smooth:
     x_{k+1} = x_k + s_k, s_{k+1} = s_k + w_k, y_k = x_k + e_k, var(w) = q var(e), flat priors of x_0 and s_0: D y, the
     second differences, have covariance var(e) (q I + D D'), and x = y - D' (q I + D D')^-1 D y.
     """
-    from scipy.linalg import cho_solve_banded, cholesky_banded
-    from scipy.optimize import minimize_scalar
-
     bends = np.diff(signal, 2)
     n_bends = bends.size
     bands = np.repeat([[1.0], [-4.0], [6.0]], n_bends, axis=1)
 
     def solve(log_q: float) -> tuple[float, np.ndarray, float]:
         """-2 log likelihood up to a constant, (q I + D D')^-1 D y, and noise variance of maximum likelihood."""
-        factor = cholesky_banded(bands + np.array([[0.0], [0.0], [np.exp(log_q)]]))
-        weights = cho_solve_banded((factor, False), bends)
+        factor = scipy.linalg.cholesky_banded(bands + np.array([[0.0], [0.0], [np.exp(log_q)]]))
+        weights = scipy.linalg.cho_solve_banded((factor, False), bends)
         variance = float(bends @ weights) / n_bends
         return n_bends * np.log(variance) + 2.0 * float(np.log(factor[-1]).sum()), weights, variance
 
     grid = np.arange(np.log(SMALLEST_Q), np.log(LARGEST_Q), 1.0)
     best = grid[int(np.argmin([solve(log_q)[0] for log_q in grid]))]
-    optimum = minimize_scalar(lambda log_q: solve(log_q)[0], bounds=(best - 1.0, best + 1.0), method="bounded")
+    optimum = scipy.optimize.minimize_scalar(
+        lambda log_q: solve(log_q)[0], bounds=(best - 1.0, best + 1.0), method="bounded"
+    )
     log_q = float(np.clip(optimum.x, np.log(SMALLEST_Q), np.log(LARGEST_Q)))
     _, weights, variance = solve(log_q)
     return Smooth(signal - np.diff(np.pad(weights, 2), 2), float(np.sqrt(variance)), float(np.exp(log_q)))

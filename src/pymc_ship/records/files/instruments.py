@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from pymc_ship.machine.arguments import check_choice
@@ -87,8 +88,6 @@ class Instrument:
 
     def __call__(self, clean: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
         """Trial with the readings of this instrument."""
-        from scipy.interpolate import CubicSpline
-
         names = [name for name in self.sd if name in clean]
         check_trial(clean, names, uniform=False)
         read, time = clean.copy(), clean["time"].values
@@ -96,7 +95,7 @@ class Instrument:
         missing = _missing(time.size, self.missing, self.run, rng)
         for name in names:
             values = clean[name].values
-            values = CubicSpline(time, values)(instants) if self.jitter else values
+            values = scipy.interpolate.CubicSpline(time, values)(instants) if self.jitter else values
             values = values + self.sd[name] * rng.standard_normal(time.size)
             if step := self.resolution.get(name, 0.0):
                 values = step * np.round(values / step)

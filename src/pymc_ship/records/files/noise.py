@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from pymc_ship.machine.arguments import finite_number, number_or_nan, short_repr
@@ -36,11 +37,9 @@ def _autoregression(time_constant: float) -> Callable[..., np.ndarray]:
     correlation = np.exp(-RECORD_STEP / time_constant)
 
     def noisy(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
-        from scipy.signal import lfilter
-
         shocks = rng.standard_normal(values.size)
         shocks[1:] *= np.sqrt(1.0 - correlation**2)
-        return values + sd * lfilter([1.0], [1.0, -correlation], shocks)
+        return values + sd * scipy.signal.lfilter([1.0], [1.0, -correlation], shocks)
 
     return noisy
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import MOST_BYTES
@@ -239,9 +240,7 @@ def _netcdf(path: Path) -> Table:
 
 
 def _matlab(path: Path) -> Table:
-    from scipy.io import loadmat
-
-    return list(_series(loadmat(path, simplify_cells=True))), []
+    return list(_series(scipy.io.loadmat(path, simplify_cells=True))), []
 
 
 def _matlab_73(path: Path) -> Table:

@@ -8,6 +8,7 @@ from decimal import Decimal
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.files.interpolation import (
@@ -309,10 +310,8 @@ def _line(positions: np.ndarray, time: np.ndarray, tolerance: np.ndarray) -> tup
     tolerance = tolerance + 1e-6 * step
     if step > 0.0 and (np.abs(time[0] + step * positions - time) <= tolerance).all():
         return float(time[0]), float(step)
-    from scipy.optimize import linprog
-
     table, elapsed = np.column_stack([np.ones(time.size), positions, -tolerance]), time - time[0]
-    solution = linprog(
+    solution = scipy.optimize.linprog(
         [0.0, 0.0, 1.0],
         A_ub=np.vstack([table, table * [-1.0, -1.0, 1.0]]),
         b_ub=np.concatenate([elapsed, -elapsed]),

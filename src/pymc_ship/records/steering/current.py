@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
@@ -125,7 +126,6 @@ def drift_current(trial: xr.Dataset) -> DriftCurrent:
 
 def _fit_velocity(local: np.ndarray, begin: np.ndarray, turning: np.ndarray) -> tuple[complex, float]:
     """Least squares of local = velocity + C exp(-decay (begin - pi)) turning: velocity and standard uncertainty."""
-    from scipy.optimize import minimize_scalar
 
     def fit(decay: float) -> tuple[np.ndarray, np.ndarray]:
         design = np.column_stack([np.ones_like(turning), np.exp(-decay * (begin - _STEADY)) * turning])
@@ -135,7 +135,7 @@ def _fit_velocity(local: np.ndarray, begin: np.ndarray, turning: np.ndarray) -> 
         design, coefficients = fit(decay)
         return float(np.sum(np.abs(local - design @ coefficients) ** 2))
 
-    best = minimize_scalar(misfit, bounds=_DECAY, method="bounded").x
+    best = scipy.optimize.minimize_scalar(misfit, bounds=_DECAY, method="bounded").x
     design, coefficients = fit(best)
     slope = (begin - _STEADY) * design[:, 1]  # derivative by the decay
     full = np.column_stack([design, slope])

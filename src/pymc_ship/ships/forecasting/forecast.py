@@ -249,7 +249,7 @@ def pooled_forecast(
     errors: Mapping[str, np.ndarray | float] | None = None,
     growth: Callable[[float], np.ndarray | float] = lambda beyond: 1.0,
     only_feasible: bool = False,
-    each: Sequence[Mapping[str, Any]] | None = None,
+    each: Sequence[dict[str, Any]] | None = None,
     **settings: Any,
 ) -> xr.DataTree:
     """As :func:`forecast`, with the draws of models that differ in terms and parts alone.
@@ -262,7 +262,7 @@ def pooled_forecast(
     """
     settings |= {"duration": duration}
     runs = [
-        simulate(ship, manoeuvre, coefficients=rows, **settings | dict(own))
+        simulate(ship, manoeuvre, coefficients=rows, **settings | own)
         for (ship, rows), own in zip(models, each or [{}] * len(models), strict=True)
     ]
     if only_feasible:

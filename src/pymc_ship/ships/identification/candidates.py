@@ -251,10 +251,11 @@ def fit_candidates(
         return result
 
     streams = {name: np.random.default_rng([root, k]) for k, name in enumerate(names)}
-    by_duration = sorted(streams, key=lambda name: (len(with_terms(training.vessel, name).parts), names.index(name)))
+    duration = {name: (len(with_terms(training.vessel, name).parts), k) for k, name in enumerate(names)}
+    longest_first = sorted(names, key=lambda name: duration[name], reverse=True)
     with threadpool_limits(limits=1, user_api="blas"):
-        fitted = map_in_threads(lambda name: attempt(name, streams[name]), by_duration[::-1])
-    attempts = sorted(fitted, key=lambda attempt: names.index(attempt.name))
+        fitted = map_in_threads(attempt, longest_first, [streams[name] for name in longest_first])
+    attempts = sorted(fitted, key=lambda one: names.index(one.name))
     candidates = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not candidates:

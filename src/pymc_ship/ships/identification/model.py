@@ -70,16 +70,24 @@ class ShipIdentification:
 
     Attributes
     ----------
-    ship : Ship; for forecasts and later identifications
-    vessel : Vessel; with the measured steering gear of the first facility
-    names : tuple of str; of the runs
-    manoeuvres : tuple of Manoeuvre or None; recognised manoeuvre of each run
-    candidates : tuple of Candidate; by falling weight; those of weight 0 have no draws
-    refusals : tuple of Refusal; term sets that were left out
+    ship : Ship
+        For forecasts and later identifications.
+    vessel : Vessel
+        With the measured steering gear of the first facility.
+    names : tuple of str
+        Of the runs.
+    manoeuvres : tuple of Manoeuvre or None
+        Recognised manoeuvre of each run.
+    candidates : tuple of Candidate
+        By falling weight; those of weight 0 have no draws.
+    refusals : tuple of Refusal
+        Term sets that were left out.
     held_out_indices : Dataset, dims (run, index)
         Indices of held-out manoeuvres, with the ``sd`` of each error, including model error.
-    quality_flags : dict of str to str; of the records
-    captive : Dataset or None; captive tests
+    quality_flags : dict of str to str
+        Of the records.
+    captive : Dataset or None
+        Captive tests.
     """
 
     ship: Ship
@@ -358,7 +366,7 @@ def _validation_rows(
     """Indices of held-out runs by fits to the others, and of harder runs, with ``beyond``, by fits to milder ones."""
     noise = _index_noise(training, rng)
     rows: list[dict] = []
-    for k in range(len(names)) if len(names) > 1 else ():
+    for k in range(len(names) if len(names) > 1 else 0):
         rows += _forecast_of_run(k, names[k], training, [(one, one.held_out, k) for one in candidates], noise[k], rng)
     harder_rows: list[dict] = []
     milder = [trial for k, trial in enumerate(training.trials) if k not in training.harder]

@@ -148,8 +148,8 @@ def sea_trial(
     rows = uncertainty_budget(_index_rows(records, runs, corrections, progress), rng)
     speeds = {name: manoeuvre.approach_speed or np.nan for name, manoeuvre in runs.manoeuvres.items()}
     windiest = max((speed for speed, _ in winds.values()), default=np.nan)
-    unsaid = [name for name in winds if "begins at 0" not in records[name].attrs.get("record_remarks", "")]
-    from_first_course = from_first_course_text({name: records[name] for name in unsaid})
+    unchecked = {name: records[name] for name in winds if "record_remarks" not in records[name].attrs}
+    from_first_course = from_first_course_text(unchecked)  # of the others it is among their remarks
     wind_remarks = [*filter(None, [from_first_course]), *model_remarks]
     doubts = (*quality_remarks(records), *mirror_remarks(records), *repeated_runs(records))
     return SeaTrial(
