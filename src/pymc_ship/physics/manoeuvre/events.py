@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -41,21 +42,26 @@ class Record:
         end = good.size if good.all() else int(np.argmin(good))
         self.time, self.ordered_at = time[:end], time[0] - delay
         self.motion = {name: values[:end] for name, values in motion.items()}
-        psi = self.motion["psi"] = np.unwrap(self.motion["psi"])
-        upright = np.cos(self.motion["phi"])
-        surge, sway = self.motion["u"], self.motion["v"] * upright
-        self.psi_dot = self.motion["r"] * upright
-        self.x_dot = surge * np.cos(psi) - sway * np.sin(psi)
-        self.y_dot = surge * np.sin(psi) + sway * np.cos(psi)
-        self.ground = {"x": self.x_dot + drift[0], "y": self.y_dot + drift[1]}
+        psi = self.motion["psi"]
+        if np.abs(np.diff(psi)).max(initial=0.0) > np.pi:
+            self.motion["psi"] = np.unwrap(psi)
+        self.drift = complex(*drift)
+
+    @cached_property
+    def psi_dot(self) -> np.ndarray:
+        """Rate of the heading [rad/s] at every sample."""
+        return self.motion["r"] * np.cos(self.motion["phi"])
+
+    @cached_property
+    def turned(self) -> np.ndarray:
+        """Integral of the yaw rate [rad] since the first sample, free of the compass noise."""
         turns = 0.5 * (self.psi_dot[1:] + self.psi_dot[:-1]) * np.diff(self.time)
-        self.turned = np.concatenate([[0.0], np.cumsum(turns)])  # integral of the yaw rate, free of the compass noise
+        return np.append(0.0, np.cumsum(turns))
 
     def at(self, name: str, when: ArrayLike) -> Any:
         """Value of psi, x or y at a time or an array of times."""
-        slope = self.psi_dot if name == "psi" else self.ground[name]
         k = np.minimum(np.maximum(np.searchsorted(self.time, when) - 1, 0), self.time.size - 2)
-        a, b, c, d = _cubic(self.time, self.motion[name], slope, k)
+        a, b, c, d = self._cubic(name, k)
         s = when - self.time[k]
         return a + s * (b + s * (c + s * d))
 
@@ -87,36 +93,54 @@ class Record:
 
     def distance(self, until: float) -> float:
         """Distance run [m] since the order: how far the positions advance along the velocity; their noise cancels."""
-        path = np.append(self.time[self.time < until], until)
-        x, y = (np.diff(self.at(name, path)) for name in ("x", "y"))
+        n = int(np.searchsorted(self.time, until))
+        path = np.append(self.time[:n], until)
+        x, y = (np.diff(np.append(self.motion[name][:n], self.at(name, until))) for name in ("x", "y"))
         middle = 0.5 * (path[1:] + path[:-1])
-        north, east = (np.interp(middle, self.time, rate) for rate in self.ground.values())
-        velocity = (north + 1j * east)[north**2 + east**2 > 0.0]
-        advanced = (x + 1j * y)[north**2 + east**2 > 0.0] * np.conj(velocity) / np.abs(velocity)
-        before = (self.time[0] - self.ordered_at) * np.hypot(*(rate[0] for rate in self.ground.values()))
+        velocity = np.interp(middle, self.time[: n + 1], self._velocity(slice(n + 1)))
+        moving = velocity != 0.0
+        advanced = (x + 1j * y)[moving] * np.conj(velocity[moving]) / np.abs(velocity[moving])
+        before = (self.time[0] - self.ordered_at) * np.abs(self._velocity(0))
         return float(np.abs(advanced.sum()) + before)
 
     def displacement(self, when: float) -> tuple[float, float]:
         """Position [m] at a time, counted from that of the order: along the first heading, and to starboard of it."""
-        delay = self.time[0] - self.ordered_at
-        origin = {name: self.motion[name][0] - delay * rate[0] for name, rate in self.ground.items()}
-        north, east = (self.at(name, when) - start for name, start in origin.items())
-        course = self.motion["psi"][0]
-        return north * np.cos(course) + east * np.sin(course), east * np.cos(course) - north * np.sin(course)
+        north, east = (self.at(name, when) - self.motion[name][0] for name in ("x", "y"))
+        moved = complex(north, east) + (self.time[0] - self.ordered_at) * self._velocity(0)
+        moved *= np.exp(-1j * self.motion["psi"][0])
+        return float(moved.real), float(moved.imag)
 
     def steady(self) -> SteadyTurn | None:
         """Means over the last 90 deg of heading; None where the heading changes by no more than 450 deg in all."""
         psi = self.motion["psi"]
         if abs(psi[-1] - psi[0]) <= 2.5 * np.pi:
             return None
-        last = np.abs(psi - psi[-1]) <= 0.5 * np.pi
+        last = np.flatnonzero(np.abs(psi - psi[-1]) <= 0.5 * np.pi)
         u, v = self.motion["u"][last], self.motion["v"][last]
         return SteadyTurn(
             yaw_rate=abs(self.psi_dot[last].mean()),
             speed=np.hypot(u, v).mean(),
-            track_speed=np.hypot(self.x_dot, self.y_dot)[last].mean(),
+            track_speed=np.abs(self._velocity(last) - self.drift).mean(),
             drift=abs(np.arctan2(v, u).mean()),
         )
+
+    def _velocity(self, k: Any) -> Any:
+        """Velocity over ground [m/s] at some samples, north + i east."""
+        u, v, phi, psi = (self.motion[name][k] for name in ("u", "v", "phi", "psi"))
+        return (u + 1j * v * np.cos(phi)) * np.exp(1j * psi) + self.drift
+
+    def _slopes(self, name: str, k: Any) -> Any:
+        """Slope of psi, x or y at some samples."""
+        if name == "psi":
+            return self.psi_dot[k]
+        return self._velocity(k).real if name == "x" else self._velocity(k).imag
+
+    def _cubic(self, name: str, k: Any) -> tuple[Any, Any, Any, Any]:
+        """Coefficients of the Hermite cubic on interval k (or on several), in powers of the time since its begin."""
+        value, h = self.motion[name], self.time[k + 1] - self.time[k]
+        begin, end = self._slopes(name, k), self._slopes(name, k + 1)
+        secant = (value[k + 1] - value[k]) / h
+        return value[k], begin, (3.0 * secant - 2.0 * begin - end) / h, (begin + end - 2.0 * secant) / h**2
 
     def _turning_interval(self, begin: int, sign: float) -> int:
         """Begin of the interval after a sample in which the heading turns back from ``sign``, or the last sample."""
@@ -132,7 +156,7 @@ class Record:
 
     def _root(self, k: int, polynomial: Callable[[Sequence[float]], Sequence[float]], after: float) -> float:
         """First root, from ``after`` on, of a polynomial made of the cubic of psi on interval k; else its end."""
-        coefficients = polynomial(_cubic(self.time, self.motion["psi"], self.psi_dot, k))
+        coefficients = polynomial(self._cubic("psi", k))
         begin, end = float(self.time[k]), float(self.time[k + 1])
         start = min(max(after - begin, 0.0), end - begin)
         root = first_root(list(map(float, coefficients)), start, end - begin)
@@ -160,11 +184,3 @@ def _quadratic_roots(a: float, b: float, c: float) -> list[float]:
         return []
     q = -0.5 * (b + math.copysign(math.sqrt(discriminant), b))
     return sorted(top / bottom for top, bottom in ((q, c), (a, q)) if bottom)
-
-
-def _cubic(time: np.ndarray, value: np.ndarray, slope: np.ndarray, k: Any) -> tuple[Any, Any, Any, Any]:
-    """Coefficients of the Hermite cubic on interval k (or on several), in powers of the time since its begin."""
-    h = time[k + 1] - time[k]
-    secant = (value[k + 1] - value[k]) / h
-    c = (3.0 * secant - 2.0 * slope[k] - slope[k + 1]) / h
-    return value[k], slope[k], c, (slope[k] + slope[k + 1] - 2.0 * secant) / h**2
