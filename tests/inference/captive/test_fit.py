@@ -52,6 +52,26 @@ def test_tests_that_are_not_finite_are_refused(tanker):
         fit_captive(tests, vessel, prior)
 
 
+@pytest.mark.parametrize(("force", "factor"), [("Y", 10.0), ("Y", -1.0), ("N", -1.0)])
+def test_a_test_that_the_others_contradict_is_named(tanker, force, factor):
+    """Not in the clean table."""
+    vessel, prior = tanker
+    tests = program(vessel, np.random.default_rng(1), prior.mean)
+    assert fit_captive(tests, vessel, prior).remarks == ()
+    tests[force][2] *= factor
+    (remark,) = fit_captive(tests, vessel, prior).remarks
+    assert "at beta = -10 deg, r' = 0 and delta = 0 deg" in remark
+    assert f"{force}' is {float(tests[force][2]):.3g}" in remark
+
+
+def test_a_force_that_no_test_fits_is_no_odd_test(tanker):
+    vessel, prior = tanker
+    rng = np.random.default_rng(1)
+    tests = program(vessel, rng, prior.mean)
+    tests["Y"] += 0.3 * float(np.abs(tests["Y"]).max()) * (rng.random(tests.sizes["test"]) < 0.3)
+    assert fit_captive(tests, vessel, prior).remarks == ()
+
+
 def test_a_fit_finds_ships_of_the_prior_with_the_scatter_it_states(tanker):
     vessel, prior = tanker
     z = []

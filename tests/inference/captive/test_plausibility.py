@@ -56,6 +56,10 @@ def test_right_tests_are_read(tmp_path):
     assert read(tmp_path, series()).sizes["test"] == len(DRIFT) + len(YAW) + len(RUDDER) + 1
 
 
+def test_drift_at_two_speeds_is_read(tmp_path):
+    assert read(tmp_path, at_two_speeds(0.1)).sizes["test"] == 2 * len(DRIFT)
+
+
 def unit(old, new):
     return {(new if head == old else head): values for head, values in series().items()}
 
@@ -70,6 +74,19 @@ def about(point):
     """The series with its moment about a point [L] forward of midship."""
     columns = series()
     return columns | {"N'": columns["N'"] - point * columns["Y'"]}
+
+
+def drift_alone(force):
+    """The tests in drift, with one force of the other sign."""
+    return {head: values[: len(DRIFT)] * (-1.0 if head == force else 1.0) for head, values in series().items()}
+
+
+def at_two_speeds(power):
+    """The tests in drift, and again at half the speed, forces as a power of the speed."""
+    columns = drift_alone("")
+    half = {head: values * (0.5 if head[0] in "sn" else 1.0) for head, values in columns.items()}
+    half |= {head: values * 0.5**power for head, values in columns.items() if head[1:] == "'"}
+    return {head: np.append(values, half[head]) for head, values in columns.items()}
 
 
 WRONG = [
@@ -89,7 +106,9 @@ WRONG = [
     (lambda: again(-1.0), "one motion have one force"),
     (lambda: again(2.0), "one motion have one force"),
     (lambda: changed(X=np.negative), "found X' greater by .* X' is positive forward: change its sign"),
-    (lambda: about(0.5), "a rudder acts about 0.5 L aft of midship, found N' / Y' = -0.98"),
+    (lambda: about(0.25), "a rudder acts about 0.5 L aft of midship, found N' / Y' = -0.7"),
+    (lambda: drift_alone("N'"), "N' turns the bow away .* found -.* times .* change its sign, or set frame.reference"),
+    (lambda: at_two_speeds(2.0), "Y' of one drift as the power 2 of the speed; divide each force by its own"),
     (lambda: about(-0.4), "give the moment about midship"),
     (lambda: changed(Y=lambda values: values - vessel().m * series()["r"]), "without the model's own mass"),
 ]

@@ -27,6 +27,8 @@ _NOMINAL = 0.05  # largest relative deviation from the nominal revolutions for a
 _PASSES, _SETTLED = 20, 0.01  # iterations of the noise, and its relative tolerance
 _LEAST = 1e-3  # least noise over the largest force, for exact forces
 _SAME_SPEED = 0.05  # width of the groups of tests in the logarithm of the speed
+_ODD, _SEEN, _MOST = 5.0, 0.02, 0.05  # misfit of an odd test: robust sd, fraction of the largest force, and of tests
+_NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal variable
 _REVOLUTIONS = 0.1  # sd of the nominal revolutions on a carriage over those of the vessel
 
 
@@ -42,6 +44,8 @@ class CaptiveFit:
         Rms residual by force, prime at the nominal speed; variance of the estimate over that of independent rows.
     revolutions, discrepancy_scale : float
         Nominal revolutions, carriage over vessel; sd of coefficients between carriage and ship, over the prior sd.
+    remarks : tuple of str
+        Sentences on tests that contradict all others.
     """
 
     coefficients: np.ndarray
@@ -51,6 +55,7 @@ class CaptiveFit:
     design_effect: float
     revolutions: float = 1.0
     discrepancy_scale: float = 0.0
+    remarks: tuple[str, ...] = ()
 
     __repr__ = field_text
 
@@ -110,6 +115,7 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     if column is not None:
         scale[column] = max(scale[column], _REVOLUTIONS)
     coefficients, sd, design, residuals = _mode(tests, vessel, replace(prior, scale=scale))
+    remarks = _odd_tests(tests, vessel, sd, residuals)
     design_effect = _design_effect(design, residuals, np.tile(_groups(tests), len(sd)), scale)
     design, residuals = design / np.sqrt(design_effect), residuals / np.sqrt(design_effect)
     # design = Q R: the tests are equivalent to the rows R with response R b + Q' residuals
@@ -123,7 +129,26 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
         revolutions = float(coefficients[column])
         response = response - triangle[:, column] * (revolutions - 1.0)
     likelihood = GaussianLikelihood(triangle, response)
-    return CaptiveFit(coefficients, covariance, likelihood, sd, design_effect, revolutions)
+    return CaptiveFit(coefficients, covariance, likelihood, sd, design_effect, revolutions, remarks=remarks)
+
+
+def _odd_tests(tests: xr.Dataset, vessel: Vessel, sd: dict[str, float], residuals: np.ndarray) -> tuple[str, ...]:
+    """Sentences on forces that the others contradict; none if there are many, which is a misfit of the model."""
+    sentences = []
+    u, v = tests["u"].values, tests["v"].values
+    weight = (u**2 + v**2) / vessel.particulars.nominal_speed**2
+    for (name, unit), z in zip(sd.items(), residuals.reshape(len(sd), -1), strict=True):
+        measured, off = tests[name].values, unit * z / weight
+        robust = np.median(np.abs(z)) / _NORMAL_MEDIAN
+        odd = (np.abs(z) > _ODD * robust) & (np.abs(off * weight) > _SEEN * np.abs(measured * weight).max())
+        for k in np.flatnonzero(odd) if odd.mean() <= _MOST else ():
+            beta, rudder = np.rad2deg([np.arctan2(-v[k], u[k]) + 0.0, float(tests["delta"][k])])
+            turn = float(tests["r"][k]) * vessel.particulars.L / np.hypot(u[k], v[k])
+            sentences.append(
+                f"The captive test at beta = {beta:.3g} deg, r' = {turn:.3g} and delta = {rudder:.3g} deg contradicts "
+                f"the others: {name}' is {measured[k]:.3g}, the fit has {measured[k] - off[k]:.3g}; correct its row."
+            )
+    return tuple(sentences)
 
 
 def _usable_tests(tests: xr.Dataset, vessel: Vessel, prior: CoefficientPrior) -> xr.Dataset:

@@ -25,6 +25,8 @@ _LEAST_DRAG = np.deg2rad(9.0)  # rudder angle whose resistance is beyond the noi
 _LESS_RESISTANCE = 0.8  # least fraction of these tests with less resistance than straight ahead: X' has another sign
 _LEVER, _LEVER_OFF = 0.5, 0.2  # L, of a rudder aft of midship, and the largest difference from it
 _SETTINGS = {"u", "n"}  # of a test, with which the resistance changes
+_TURNED = 0.2  # least ratio of N' in drift, of the other sign, to that of a similar hull
+_FASTER, _POWER = 1.3, 1.0  # least ratio of the speeds of drift tests, and power of the speed by which forces grow
 _SMALL = 1e-6  # prime motion that counts as none
 _DEGREES = float(np.rad2deg(1.0))
 
@@ -109,6 +111,8 @@ def _forces(tests: xr.Dataset, vessel: Vessel) -> str:
             offset = float(tests[name].values[straight].mean()) if straight.size else 0.0
             forces[name] = tests[name].values[alone] - offset
         fault = check(forces, motion[quantity][alone], vessel)
+        if quantity == "v":
+            fault = fault or _speeds(forces, motion[quantity][alone], speed[alone])
         if fault := fault or (_resistance(tests, alone, straight) if quantity == "delta" else ""):
             return fault
     return ""
@@ -162,9 +166,33 @@ def _drift(forces: Mapping[str, np.ndarray], v: np.ndarray, vessel: Vessel) -> s
                 f"Y' opposes the drift of every hull, found {ratio:.2g} times that of a similar hull; beta is "
                 "arctan(-v/u), v to starboard: change the sign of beta, or that of Y'."
             )
+        if ratio < -_TURNED:
+            return (
+                f"N' turns the bow away from the course in drift, found {ratio:.2g} times that of a similar hull; give "
+                "the moment about midship, positive to starboard: change its sign, or set frame.reference."
+            )
         if ratio > 0.0 and not 1.0 / _RATIO < ratio < _RATIO:
             return _scale_sentence(f"{name}' in drift", ratio, vessel, "beta")
     return ""
+
+
+def _speeds(forces: Mapping[str, np.ndarray], v: np.ndarray, speed: np.ndarray) -> str:
+    """Y' of the same drift at several speeds: prime forces do not grow with the speed."""
+    if "Y" not in forces or speed.max() < _FASTER * speed.min():
+        return ""
+    drift, groups = np.unique(np.round(v, 3), return_inverse=True)
+    sizes, logarithms = np.log(np.abs(forces["Y"])), np.log(speed)
+    for values in (sizes, logarithms):
+        values -= (np.bincount(groups, values) / np.bincount(groups))[groups]
+    if np.ptp(logarithms) < np.log(_FASTER) or v.size - drift.size < _FEWEST:
+        return ""
+    power = float(sizes @ logarithms / (logarithms @ logarithms))
+    if abs(power) < _POWER:
+        return ""
+    return (
+        f"a prime force is over the square of the speed of its own test, found Y' of one drift as the power "
+        f"{power:.2g} of the speed; divide each force by its own speed squared."
+    )
 
 
 def _yaw(forces: Mapping[str, np.ndarray], r: np.ndarray, vessel: Vessel) -> str:

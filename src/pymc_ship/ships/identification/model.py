@@ -288,7 +288,8 @@ def _captive_remarks(tests: xr.Dataset, best: Candidate) -> list[str]:
     return [
         f"{tests.sizes['test']} captive tests are part of the likelihood of every term set, also in the forecasts of "
         "held-out runs. The discrepancy of each coefficient between captive tests and ship has an sd of "
-        f"{best.captive.discrepancy_scale:.2g} of its prior sd ({best.name})."
+        f"{best.captive.discrepancy_scale:.2g} of its prior sd ({best.name}).",
+        *best.captive.remarks,
     ]
 
 
