@@ -5,6 +5,7 @@ import pytest
 
 from pymc_ship.machine.errors import TrialError
 from tests.records.files.test_format import fixes, received
+from tests.sentences import refused
 
 
 def sentence(body):
@@ -165,3 +166,64 @@ def test_the_revolutions_are_those_of_the_shaft(run, read, shaft):
     trial = read("\n".join(lines))
     np.testing.assert_allclose(trial["n"], (90.0 if shaft else 520.0) / 60.0)
     assert ("engine alone" in trial.attrs["reading"]) is not shaft
+
+
+def extended(run, bodies):
+    """The log of a run with sentences of its wind, roll or heading each second; a heading of its own if any."""
+    lines = log(run, stamped=True)
+    if any("HDG" in body or "HDM" in body for body in bodies(0)):
+        lines = [line for line in lines if "HDT" not in line]
+    kept = []
+    for line in lines:
+        kept.append(line)
+        if "GPGGA" in line and (k := sum("GPGGA" in one for one in kept) - 1) % 10 == 0:
+            kept += [line.split("$")[0] + sentence(body) for body in bodies(k)]
+    return "\n".join(kept)
+
+
+def test_the_true_wind_of_mwd_is_read(run, read):
+    for body in ("WIMWD,200.0,T,197.0,M,19.44,N,,", "WIMWD,200.0,T,,,,,10.0,M"):
+        trial = read(extended(run, lambda k, body=body: [body]))
+        np.testing.assert_allclose(trial["wind_speed"], 10.0, atol=0.01)
+        np.testing.assert_allclose(np.rad2deg(trial["wind_direction"]) % 360.0, 200.0, atol=0.01)
+    assert "wind_speed" not in read(extended(run, lambda k: ["WIMWD,,T,197.0,M,19.44,N,10.0,M"]))
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("M", 1.0), ("N", 3600.0 / 1852.0), ("K", 3.6)])
+def test_the_wind_of_mwv_is_relative_to_the_bow(run, read, unit, factor):
+    """Air at rest; the theoretical wind between the sentences is left out."""
+
+    def bodies(k):
+        u, v = float(run["u"][k]), float(run["v"][k])
+        angle, speed = np.rad2deg(np.arctan2(v, u)) % 360.0, factor * np.hypot(u, v)
+        return [f"WIMWV,{angle:.3f},R,{speed:.4f},{unit},A", f"WIMWV,77.0,T,55.0,{unit},A"]
+
+    trial = read(extended(run, bodies))
+    np.testing.assert_allclose(trial["wind_speed"], 0.0, atol=0.05)
+    assert "True wind calculated from relative wind" in trial.attrs["reading"]
+    invalid = read(extended(run, lambda k: [body[:-1] + "V" for body in bodies(k)]))
+    assert "wind_speed" not in invalid
+
+
+def test_the_roll_of_a_transducer_is_read(run, read):
+    bodies = lambda k: [f"YXXDR,A,{-1.5 + 0.001 * k:.3f},D,PITCH,A,{2.5 + 0.01 * k:.3f},D,ROLL"]  # noqa: E731
+    trial = read(extended(run, bodies))
+    assert np.rad2deg(float(trial["phi"].max())) == pytest.approx(2.5 + 0.01 * (run.sizes["time"] - 1), abs=0.15)
+
+
+def test_a_magnetic_heading_is_true_by_its_variation_or_refused(run, read):
+    psi = np.rad2deg(run["psi"].values)
+    true = read(extended(run, lambda k: [f"HCHDG,{(psi[k] - 3.0 + 1.0) % 360.0:.4f},1.0,W,3.0,E"]))
+    expected = np.interp(true["time"] + run["time"].values[0], run["time"], run["psi"])
+    assert np.abs(np.angle(np.exp(1j * (true["psi"].values - expected)))).max() < 0.02
+    for body in ("HCHDG,{:.4f},,,,", "HCHDM,{:.4f},M"):
+        with refused(TrialError, "magnetic"):
+            read(extended(run, lambda k, body=body: [body.format(psi[k] % 360.0)]))
+
+
+def test_a_course_of_a_receiver_without_a_fix_is_missing(run, read):
+    with_fix, without = (
+        read(extended(run, lambda k, mode=mode: [f"GPVTG,77.0,T,,M,9.0,N,16.7,K,{mode}"])) for mode in "AN"
+    )
+    assert "sog of GPVTG" in with_fix.attrs["reading"]
+    assert "sog" not in without.attrs["reading"]

@@ -348,7 +348,7 @@ def _table_of_series(columns: Columns, notes: list[str]) -> TextTable:
 def _table_of_log(cells: dict[str, list[str]], units: dict[str, str], notes: list[str]) -> TextTable:
     """Table of a log of NMEA 0183, which counts the rudder positive to starboard."""
     table = _table_of_columns(list(cells), [units.get(name, "") for name in cells], list(cells.values()), notes)
-    return replace(table, rudder_positive="starboard", shows_axes=True)
+    return replace(_with_bare_numbers(table), rudder_positive="starboard", shows_axes=True)
 
 
 def _table_of_columns(headings: list[str], units: list[str], columns: list[list[str]], notes: list[str]) -> TextTable:

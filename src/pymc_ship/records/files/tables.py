@@ -24,6 +24,7 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import MOST_BYTES
 from pymc_ship.records.files.columns import channels_of, plain_text
 from pymc_ship.trial.channels import TIME
+from pymc_ship.trial.units import KNOT
 
 _CHILD = "import sys; from pymc_ship.records.files.tables import send_columns; send_columns(*sys.argv[1:])"
 _LONGEST = 30.0  # s of the processor, for a file that a process of its own reads
@@ -392,9 +393,20 @@ _BEFORE = " ,;\t[]"  # about the stamp of a logger, which stands before a senten
 _TAGS = re.compile(r"\\(?:[^\\]*\bc:(\d+))?[^\\]*\\")  # tag block of IEC 61162-450, with its clock if it has one
 _SENTENCE = re.compile(r"[$!](P[A-Z0-9]{2,}|[A-Z]{5}),")
 _NMEA = {  # unit, and type and fields of the sentences of each quantity, the first choice first
-    "psi": ("deg", (("HDT", "heading"), ("THS", "heading"))),
+    "psi": (
+        "deg",
+        (
+            ("HDT", "heading"),
+            ("THS", "heading"),
+            ("HDG", "true heading"),
+            ("VHW", "heading_true"),
+            ("HDG", "magnetic heading"),
+            ("HDM", "magnetic heading"),
+        ),
+    ),
     "r": ("deg/min", (("ROT", "rate_of_turn"),)),
     "delta": ("deg", (("RSA", "rsa_starboard"), ("RSA", "rsa_port"))),
+    "phi": ("deg", (("XDR", "roll"),)),
     "u": ("kn", (("VBW", "lon_water_spd"), ("VHW", "water_speed_knots"))),
     "v": ("kn", (("VBW", "trans_water_spd"),)),
     "sog": ("kn", (("VTG", "spd_over_grnd_kts"), ("RMC", "spd_over_grnd"))),
@@ -402,10 +414,47 @@ _NMEA = {  # unit, and type and fields of the sentences of each quantity, the fi
     "latitude": ("deg", (("GGA", "latitude"), ("RMC", "latitude"), ("GLL", "latitude"))),
     "longitude": ("deg", (("GGA", "longitude"), ("RMC", "longitude"), ("GLL", "longitude"))),
     "n": ("rpm", (("RPM", "speed"),)),
+    "wind_speed": ("kn", (("MWD", "true speed"), ("MWV", "relative speed"))),
+    "wind_direction": ("deg", (("MWD", "direction_true"), ("MWV", "relative angle"))),
 }
 _STATUS = {"rsa_starboard": "rsa_starboard_status", "rsa_port": "rsa_port_status"}
 _STATUS |= dict.fromkeys(("lon_water_spd", "trans_water_spd"), "data_validity_water_spd")
 _FIELDS_OF_THS = (("Heading", "heading"), ("Mode", "status"))
+_KNOTS = {"N": 1.0, "M": 1.0 / KNOT, "K": 1.0 / 3.6 / KNOT}  # by unit of a wind speed
+_ROLL = ("ROLL", "HEEL")  # names of a transducer
+
+
+def _true_heading(message: Any) -> float:
+    """Magnetic heading plus deviation and variation, easterly positive; TypeError without the variation."""
+    deviation = float(message.deviation or 0.0) * (-1.0 if message.dev_dir == "W" else 1.0)
+    return float(message.heading) + deviation + float(message.variation) * (-1.0 if message.var_dir == "W" else 1.0)
+
+
+def _roll(message: Any) -> float | None:
+    """Angle [deg] of the first transducer of roll."""
+    sensors = map(message.get_transducer, range(message.num_transducers))
+    return next((float(one.value) for one in sensors if one.type == "A" and one.id.strip().upper() in _ROLL), None)
+
+
+def _true_wind_speed(message: Any) -> float | None:
+    """Speed [kn] beside a direction from true north."""
+    known = message.direction_true is not None
+    return (message.wind_speed_knots or float(message.wind_speed_meters) / KNOT) if known else None
+
+
+def _relative_wind_speed(message: Any) -> float | None:
+    return float(message.wind_speed) * _KNOTS[message.wind_speed_units] if message.reference == "R" else None
+
+
+_CALCULATED: Mapping[str, Callable[[Any], Any]] = {
+    "true heading": _true_heading,
+    "magnetic heading": lambda message: f"{float(message.heading)} M",
+    "roll": _roll,
+    "true speed": _true_wind_speed,
+    "relative speed": _relative_wind_speed,
+    "relative angle": lambda message: f"{float(message.wind_angle)} R" if message.reference == "R" else "",
+}
+"""Value of what is no field of its own; M and R are the letters of a magnetic heading and a relative wind."""
 _SHORTEST_LOG = 0.5  # fraction of the first lines that are sentences
 
 
@@ -521,10 +570,11 @@ def _field(message: Any, name: str) -> str:
     """Number of a field as text; empty if it is missing or declared invalid."""
     status = _STATUS.get(name, "status")
     is_fix = getattr(message, "lat", "") and str(getattr(message, "gps_qual", "1")) != "0"
-    if str(getattr(message, status, "A") or "A") == "V" or (name.endswith("itude") and not is_fix):
+    modes = {getattr(message, key, "") for key in ("faa_mode", "mode_indicator")}
+    if str(getattr(message, status, "A") or "A") == "V" or "N" in modes or (name.endswith("itude") and not is_fix):
         return ""
     try:
-        value = getattr(message, name, "")
-        return repr(float(value)) if value not in ("", None) else ""
-    except (ValueError, TypeError):
+        value = _CALCULATED[name](message) if name in _CALCULATED else getattr(message, name, "")
+        return value if isinstance(value, str) and value[-1:] in "MR" else repr(float(value))
+    except (ValueError, TypeError, KeyError, AttributeError):
         return ""
