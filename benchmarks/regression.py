@@ -63,8 +63,8 @@ def nuts(data) -> Iterator[Row]:
     first = _timed(lambda: data.to_original(_coefficients(first_attempt(data))))
     what = "NUTS whitened, with compilation, least ESS"
     compiled = (
-        f"; {whitened[1] - again[1]:.1f} of the {whitened[1]:.1f} s of ours are imports and nutpie's compilation, "
-        "which is not cached: every process pays it once"
+        f"; {whitened[1] - again[1]:.1f} of the {whitened[1]:.1f} s of ours are imports, which every process pays "
+        "once; nothing is compiled"
     )
     row = _ess_row(what, whitened, "direct, as the paper writes it", direct, exact)
     yield replace(row, note=row.note + compiled)

@@ -64,6 +64,7 @@ TESTED_BY = {
     "inference.regression.families": "inference/regression/test_new_prior.py: a family that is registered",
     "inference.regression.priors": "inference/regression/test_new_prior.py: a prior of one's own",
     "inference.rows.from_trials": "inference/rows/test_data.py: the rows of a trial",
+    "inference.sampling.linear_coordinates": "inference/sampling/test_regression_model.py: chains start at the fit",
     "inference.sampling.prior_laws": "inference/sampling/test_from_pymc.py: priors that are stated in PyMC",
     "inference.trajectory.mode": "inference/trajectory/test_posterior.py: the fit before the draws",
     "machine.workers": "experiments/test_run.py: workers of a grid",

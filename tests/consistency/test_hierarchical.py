@@ -3,11 +3,11 @@
 from functools import cache
 
 import numpy as np
-import nutpie
 import pytest
 from scipy import stats
 
-from pymc_ship.inference.sampling.hierarchical_model import marginal_model, reduced_groups, standardised_draws
+from pymc_ship.inference.sampling.hierarchical_model import marginal_density, reduced_groups, standardised_draws
+from pymc_ship.inference.sampling.regression_model import sample_density
 from tests.inference.sampling.test_hierarchical_model import GROUPS, PRIOR, SPREAD, columns, data_of, truth
 
 SETS, KEPT = 200, 99
@@ -16,17 +16,14 @@ SETS, KEPT = 200, 99
 @cache
 def calibration(spread=SPREAD):
     """Ranks of truths among draws over sets from the prior, and squared errors of pooled and separate coefficients."""
-    rng, compiled = np.random.default_rng(11), None
+    rng = np.random.default_rng(11)
     ranks, errors = [], []
     for k in range(SETS):
         tau, means, each, variance = truth(rng)
         data = data_of(rng, each, variance)
         reduced = reduced_groups(data, PRIOR, columns()[1])
-        if compiled is None:
-            compiled = nutpie.compile_pymc_model(marginal_model(reduced, PRIOR, spread))
-        given = {"projection": reduced.projections, "residual_square": reduced.residual_squares}
-        settings = {"draws": 5 * KEPT, "tune": 300, "chains": 1, "target_accept": 0.9, "seed": k}
-        drawn = nutpie.sample(compiled.with_data(**given), **settings, progress_bar=False)["posterior"]
+        settings = {"draws": 5 * KEPT, "tune": 300, "chains": 1, "target_accept": 0.9}
+        drawn = sample_density(marginal_density(reduced, PRIOR, spread), settings, k, progress=False)["posterior"]
         of_tau, of_variance = (
             drawn[name].values[0, ::5] for name in ("scaled_group_sd", "scaled_group_noise_variance")
         )

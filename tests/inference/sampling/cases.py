@@ -16,7 +16,7 @@ POWER = {ConjugatePrior: 1.0, SemiConjugatePrior: 0.0, RootPrior: 0.5}
 """Power of the noise variance in the prior variance of the coefficients, by family; the last is a user's."""
 
 N_TERMS = 5
-"""One number of terms throughout: the whitened model is compiled once."""
+"""Number of terms of every regression."""
 
 
 @cache
@@ -73,9 +73,9 @@ def log_joint(data, prior, scaled, variance):
     return density + stats.norm.logpdf(data.response, data.design_matrix @ data.to_original(scaled), noise_sd).sum()
 
 
-def log_density_error(model, data, prior, rng):
-    """Largest error of the model's log density over random points, against prior, likelihood and Jacobian."""
-    log_density, parameters = flat_functions(model)
+def log_density_error(functions, data, prior, rng):
+    """Largest error of a log density over random points, against prior, likelihood and Jacobian."""
+    log_density, parameters = functions
 
     def scaled(flat):
         return scaled_parameters(data, *parameters(flat))

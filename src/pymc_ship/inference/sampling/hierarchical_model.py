@@ -19,8 +19,9 @@ from pymc_ship.inference.regression.priors import check_prior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
-from pymc_ship.inference.sampling.operations import PooledDensity
-from pymc_ship.inference.sampling.regression_model import check_settings, sample_model
+from pymc_ship.inference.sampling.operations import pooled_density
+from pymc_ship.inference.sampling.regression_model import check_settings, sample_density
+from pymc_ship.inference.sampling.whitened_model import Density
 from pymc_ship.machine.arguments import check_kind, finite_number
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -140,7 +141,7 @@ def hierarchical_posterior(
     rng, model = random_generator(rng), hierarchical_model(data, prior, groups, spread=spread)
     labels, group = group_of_rows(data, groups)
     reduced, seed = reduced_groups(data, prior, group), int(rng.integers(2**31))
-    sampled = sample_model(marginal_model(reduced, prior, float(spread)), settings, seed, progress)
+    sampled = sample_density(marginal_density(reduced, prior, float(spread)), settings, seed, progress)
     rng = np.random.default_rng([seed, 1])
     names, p, sample = ("scaled_group_sd", "scaled_group_noise_variance"), data.n_terms, ("chain", "draw")
     tau, variance = (sampled["posterior"][name].to_numpy() for name in names)
@@ -182,7 +183,7 @@ def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tup
 
 
 class ReducedGroups(NamedTuple):
-    """QR reduction of the rows of all groups about the prior mean, as the inputs of PooledDensity."""
+    """QR reduction of the rows of all groups about the prior mean, as the inputs of the density."""
 
     triangles: np.ndarray
     projections: np.ndarray
@@ -205,18 +206,28 @@ def reduced_groups(data: RegressionData, prior: SemiConjugatePrior, group: np.nd
     return reduced
 
 
-def marginal_model(reduced: ReducedGroups, prior: SemiConjugatePrior, spread: float) -> pm.Model:
-    """PyMC model of tau and sigma2 with the coefficients integrated out."""
-    n_groups, p = reduced.projections.shape
-    with pm.Model() as model:
-        tau = pm.HalfNormal("scaled_group_sd", spread, shape=p)
-        variance = pm.InverseGamma("scaled_group_noise_variance", prior.shape, prior.scale, shape=n_groups)
-        # as data, so that a compiled model serves other responses of the same rows
-        projections = pm.Data("projection", reduced.projections)
-        residuals = pm.Data("residual_square", reduced.residual_squares)
-        rows = reduced.triangles, projections, residuals, reduced.spare_rows
-        pm.Potential("rows", PooledDensity()(tau, variance, *rows, 1.0 / prior.kappas(p)))
-    return model
+def marginal_density(reduced: ReducedGroups, prior: SemiConjugatePrior, spread: float) -> Density:
+    """Density of log tau and log sigma2 up to a constant, with the coefficients integrated out."""
+    p, precision = reduced.projections.shape[1], 1.0 / prior.kappas(reduced.projections.shape[1])
+    n_groups, names = len(reduced.projections), ("scaled_group_sd", "scaled_group_noise_variance")
+
+    def log_density(coordinates: np.ndarray) -> tuple[float, np.ndarray]:
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            values = np.exp(coordinates)
+            tau, variance = values[:p], values[p:]
+            density, of_tau, of_variance = pooled_density(tau, variance, *reduced, precision=precision)
+            density -= 0.5 * np.sum((tau / spread) ** 2) - coordinates[:p].sum()
+            density -= np.sum(prior.scale / variance) + prior.shape * coordinates[p:].sum()
+            gradient = values * np.concatenate([of_tau, of_variance])
+            gradient[:p] += 1.0 - (tau / spread) ** 2
+            gradient[p:] += prior.scale / variance - prior.shape
+        return float(density), gradient
+
+    def parameters(coordinates: np.ndarray) -> dict[str, np.ndarray]:
+        return dict(zip(names, np.split(np.exp(coordinates), [p]), strict=True))
+
+    start = np.log(np.repeat([spread, prior.scale / (prior.shape + 1.0)], [p, n_groups]))
+    return Density(start, log_density, parameters)
 
 
 def standardised_draws(

@@ -1,9 +1,9 @@
-"""PyTensor operations with gradients: simulated motion of a run, density of pooled groups."""
+"""Simulated motion of a run as a PyTensor operation, and the density of pooled groups, with gradients."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,7 @@ from numba import njit
 from pytensor.gradient import DisconnectedType, disconnected_type, grad_not_implemented
 from pytensor.graph.basic import Apply
 from pytensor.graph.op import Op
-from pytensor.link.numba.dispatch.basic import (
-    generate_fallback_impl,
-    numba_funcify,
-    numba_njit,
-    register_funcify_default_op_cache_key,
-)
+from pytensor.link.numba.dispatch.basic import generate_fallback_impl, numba_funcify
 
 from pymc_ship.inference.trajectory.runs import Run
 from pymc_ship.physics.motion.sensitivities import sensitivities
@@ -78,49 +73,6 @@ def _numba_simulated_motion(op: Op, node: Apply, **kwargs: Any) -> Any:
         return generate_fallback_impl(op, node, **kwargs)
 
 
-class PooledDensity(Op):
-    """Log density of the rows of all groups, coefficients integrated out, and its derivatives by tau and sigma2.
-
-    Inputs: tau (n_terms,), sigma2 (n_groups,), triangles (n_groups, n_terms, n_terms), projections (n_groups, n_terms),
-    residual sums of squares (n_groups,), rows less n_terms (n_groups,), precisions of the means (n_terms,). NaN if out
-    of numerical range.
-    """
-
-    __props__ = ()
-    default_output = 0
-
-    def make_node(self, *inputs: Any) -> Apply:
-        """Node with three outputs: density and its derivatives by tau and sigma2."""
-        return Apply(self, list(map(pt.as_tensor_variable, inputs)), [pt.dscalar(), pt.dvector(), pt.dvector()])
-
-    def perform(self, node: Apply, inputs: Sequence[np.ndarray], output_storage: list[list[Any]]) -> None:
-        """Density and gradient in one evaluation."""
-        density, of_tau, of_variance = pooled_density(*inputs)
-        output_storage[0][0], output_storage[1][0], output_storage[2][0] = np.asarray(density), of_tau, of_variance
-
-    def infer_shape(self, node: Apply, input_shapes: Sequence[Sequence[Any]]) -> list[Sequence[Any]]:
-        """Shapes of the outputs."""
-        return [(), input_shapes[0], input_shapes[1]]
-
-    def pullback(self, inputs: Sequence[Any], outputs: Sequence[Any], cotangents: Sequence[Any]) -> list[Any]:
-        """Product of the cotangent of the density with its derivatives by tau and sigma2."""
-        of_density, *of_derivatives = cotangents
-        unknown = [grad_not_implemented(self, k, value) for k, value in enumerate(inputs)]
-        if not all(isinstance(one.type, DisconnectedType) for one in of_derivatives):
-            return unknown
-        return [of_density * outputs[1], of_density * outputs[2], *unknown[2:]]
-
-
-@register_funcify_default_op_cache_key(PooledDensity)
-def _numba_pooled_density(op: Op, node: Apply, **kwargs: Any) -> Callable[..., Any]:
-    @numba_njit
-    def pooled_density_function(*inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        density, of_tau, of_variance = pooled_density(*inputs)
-        return np.asarray(density), of_tau, of_variance
-
-    return pooled_density_function
-
-
 @_jit
 def _inverse_root(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     """Inverse Cholesky factor W of a positive definite matrix, and half its log determinant."""
@@ -152,7 +104,12 @@ def pooled_density(
     spare_rows: np.ndarray,
     precision: np.ndarray,
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Log density and its derivatives by tau and sigma2; arguments as the inputs of :class:`PooledDensity`."""
+    """Log density of the rows of all groups, coefficients integrated out, and its derivatives by tau and sigma2.
+
+    tau (n_terms,), sigma2 (n_groups,), triangles (n_groups, n_terms, n_terms), projections (n_groups, n_terms),
+    residual sums of squares (n_groups,), rows less n_terms (n_groups,), precisions of the means (n_terms,). NaN if out
+    of numerical range.
+    """
     n_groups, p = projections.shape
     eye = np.eye(p)
     density: Any = 0.0

@@ -10,7 +10,7 @@ import pymc as pm
 
 from pymc_ship.inference.regression.priors import check_data
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.sampling.whitened_model import coefficients_from_fit
+from pymc_ship.inference.sampling.linear_coordinates import coefficients_from_fit
 from pymc_ship.machine.arguments import check_kind, number_or_nan, short_repr
 from pymc_ship.machine.errors import InferenceError
 

@@ -1,6 +1,6 @@
 """PyMC model of a regression and its sampling by NUTS; pymc is imported when called.
 
-NUTS samples in whitened coordinates, by a transform of PyMC; the posterior does not depend on them.
+NUTS samples in whitened coordinates; the posterior does not depend on them.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, run_parts, with_errors
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.predictive import with_predictive
+from pymc_ship.inference.sampling.whitened_model import Density, whitened_density
 from pymc_ship.machine.arguments import check_choice, check_counts, check_flags, check_probabilities
 from pymc_ship.machine.errors import ShipError
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -85,7 +86,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     import pymc as pm
     import pytensor.tensor as pt
 
-    from pymc_ship.inference.sampling.whitened_model import coefficients_from_fit, linear_coordinates
+    from pymc_ship.inference.sampling.linear_coordinates import coefficients_from_fit, linear_coordinates
 
     if not _is_custom(prior, data):
         warn_of_units(data, prior)
@@ -201,13 +202,10 @@ def nuts_posterior(
         sampled = sample_model(model, settings, seed, progress, sampler)
         return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
     if sampler == "nutpie" and errors == "normal":
-        from pymc_ship.inference.sampling import whitened_model
-
         warn_of_units(data, prior)
-        model = whitened_model.compiled_model(data.n_terms).with_data(**whitened_model.statistics(data, prior))
+        sampled = sample_density(whitened_density(data, prior), settings, seed, progress)
     else:
-        model = pymc_model(data, prior, errors)
-    sampled = sample_model(model, settings, seed, progress, sampler)
+        sampled = sample_model(pymc_model(data, prior, errors), settings, seed, progress, sampler)
     posterior, law = sampled["posterior"].dataset.transpose("chain", "draw", ...), error_law(errors, data)
     values = (posterior[name].to_numpy() for name in ("coefficients", "noise_variance"))
     groups = {"sample_stats": sampled["sample_stats"].to_dataset()}
@@ -217,29 +215,54 @@ def nuts_posterior(
     return with_predictive(tree, data, prior, rng=np.random.default_rng([seed, 1]))
 
 
-def sample_model(model: Any, settings: dict, seed: int, progress: bool, sampler: str | None = None) -> xr.DataTree:
-    """Groups posterior and sample_stats by NUTS, of a PyMC model or one that nutpie compiled.
+def sample_density(density: Density, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+    """Groups posterior and sample_stats by nutpie; settings as :func:`sample_model`."""
+    from nutpie.compiled_pyfunc import from_pyfunc
+
+    def start(seed: int) -> np.ndarray:
+        return density.start + np.random.default_rng(seed).uniform(-1.0, 1.0, density.start.size)
+
+    kept = density.parameters(density.start)
+    kinds, shapes = [np.dtype(float)] * len(kept), [np.shape(value) for value in kept.values()]
+    functions = (lambda: density.log_density), (lambda *_: density.parameters)
+    model = from_pyfunc(density.start.size, *functions, kinds, shapes, list(kept), make_initial_point_fn=start)
+    return _sample_with_nutpie(model, settings, seed, progress)
+
+
+def _sample_with_nutpie(model: Any, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+    import nutpie
+
+    check_flags(progress=progress)
+    sampled = nutpie.sample(model, **settings, seed=seed, progress_bar=progress, save_warmup=False)
+    return _groups(sampled, settings, "nutpie")
+
+
+def _groups(sampled: xr.DataTree, settings: dict, sampler: str) -> xr.DataTree:
+    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, settings["tune"], sampler)
+    return xr.DataTree.from_dict({"posterior": sampled["posterior"].to_dataset(), "sample_stats": statistics})
+
+
+def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sampler: str | None = None) -> xr.DataTree:
+    """Groups posterior and sample_stats of a PyMC model by NUTS.
 
     ``settings``: draws, chains, tune, target_accept, optional cores.
     """
     import pymc as pm
 
-    check_flags(progress=progress)
     sampler = _installed_sampler(sampler)
     if sampler == "nutpie":
         import nutpie
         from pymc.model.transform.optimization import freeze_dims_and_data
 
-        if isinstance(model, pm.Model):  # data as constants compile in two thirds of the time
-            model = nutpie.compile_pymc_model(freeze_dims_and_data(model))
-        sampled = nutpie.sample(model, **settings, seed=seed, progress_bar=progress, save_warmup=False)
-    else:
-        settings = settings | {"cores": settings.get("cores") or 1}
-        shown = {"progressbar": progress, "quiet": not progress, "compute_convergence_checks": False}
-        with model:
-            sampled = pm.sample(**settings, random_seed=seed, nuts_sampler=sampler, **shown)
-    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, settings["tune"], sampler)
-    return xr.DataTree.from_dict({"posterior": sampled["posterior"].to_dataset(), "sample_stats": statistics})
+        # data as constants compile in two thirds of the time
+        compiled = nutpie.compile_pymc_model(freeze_dims_and_data(model))
+        return _sample_with_nutpie(compiled, settings, seed, progress)
+    check_flags(progress=progress)
+    settings = settings | {"cores": settings.get("cores") or 1}
+    shown = {"progressbar": progress, "quiet": not progress, "compute_convergence_checks": False}
+    with model:
+        sampled = pm.sample(**settings, random_seed=seed, nuts_sampler=sampler, **shown)
+    return _groups(sampled, settings, sampler)
 
 
 def check_settings(settings: dict) -> None:
