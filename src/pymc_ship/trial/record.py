@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,6 +13,9 @@ from pymc_ship.machine.arguments import as_path, name_list, short_repr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.files import staged_path
 from pymc_ship.trial.channels import CHANNELS, TIME
+
+type Channels = Mapping[Any, xr.DataArray | xr.Variable]
+"""Channels of a trial, and its time, by name: the Dataset, or its variables, which are faster to read and to change."""
 
 OVER_GROUND = "over ground"  # attribute ``speeds`` of a trial; by default u and v are through the water
 _SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)  # median |y_{k+1} - 2 y_k + y_{k-1}| of white noise of sd 1
@@ -147,12 +151,17 @@ def nonzero_channels(trial: xr.Dataset) -> list[str]:
     return [str(name) for name, values in trial.data_vars.items() if np.any(values.values)]
 
 
-def sampling_interval(trial: xr.Dataset) -> float:
+def sampling_interval(trial: Channels) -> float:
     """Mean sampling interval of a trial [s]."""
     time = trial["time"].values
     if time.size < 2:
         raise TrialError(f"A trial must have at least two samples, found {time.size}; check the record.")
     return float((time[-1] - time[0]) / (time.size - 1))
+
+
+def unwrapped(angle: np.ndarray) -> np.ndarray:
+    """Angle [rad] without jumps by whole turns; the same array where it has none."""
+    return np.unwrap(angle) if np.abs(np.diff(angle)).max(initial=0.0) > np.pi else angle
 
 
 AXES, ASSUMED = "axes", "axes assumed"  # attribute of a trial whose file does not show its axes, and its value

@@ -25,7 +25,7 @@ from pymc_ship.records.checks.verdicts import (
 )
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.records.steering.current import roll_angle
-from pymc_ship.trial.record import has_ground_speeds, sampling_interval, second_difference_sd
+from pymc_ship.trial.record import Channels, has_ground_speeds, sampling_interval, second_difference_sd, unwrapped
 
 SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1  # scale error of a rate from which it is doubtful, and from which it is bad
 RESIDUAL_SUSPECT = 0.03  # residual of a rate over the changes of its angle from which a known mistake is sought
@@ -182,22 +182,22 @@ def _rate_scale_check(rate: str, angle: str, fit: RateFit, explain: Callable[...
     return Check(name, "good", f"The integral of {rate} matches {angle} with a scale of {slope:.4g}.", numbers)
 
 
-def _misfit(trial: xr.Dataset, scale: ShipScale) -> float:
+def _misfit(trial: Channels, scale: ShipScale) -> float:
     """Root mean square of what the channels leave of each other, rate by angle and heading by course, over its size."""
-    left = [_rate_misfit(trial, scale, *pair) for pair in (("r", "psi"), ("p", "phi")) if set(pair) <= set(trial)]
-    left += [_course_misfit(trial, scale)] if {"x", "y", "psi"} <= set(trial) else []
+    left = [_rate_misfit(trial, scale, *pair) for pair in (("r", "psi"), ("p", "phi")) if trial.keys() >= set(pair)]
+    left += [_course_misfit(trial, scale)] if trial.keys() >= {"x", "y", "psi"} else []
     return float(np.sqrt(np.mean(np.square(left)))) if left else 0.0
 
 
-def _rate_misfit(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> float:
+def _rate_misfit(trial: Channels, scale: ShipScale, rate: str, angle: str) -> float:
     blocks = ship_blocks(trial, scale, YAW_BLOCK if rate == "r" else _ROLL_BLOCK)
     turning = trial[rate].values * (np.cos(roll_angle(trial)) if rate == "r" else 1.0)
     predicted = blocks.increments(integral(turning, sampling_interval(trial)))
-    measured = blocks.increments(np.unwrap(trial[angle].values))
+    measured = blocks.increments(unwrapped(trial[angle].values))
     return _relative_rms(measured - predicted, measured)
 
 
-def _course_misfit(trial: xr.Dataset, scale: ShipScale) -> float:
+def _course_misfit(trial: Channels, scale: ShipScale) -> float:
     """What the heading leaves of the course over ground beside a drift angle in proportion to the rate of turn.
 
     A misaligned compass explains a constant difference up to :data:`MISALIGNED`.
@@ -261,7 +261,7 @@ def _no_drift_text(trial: xr.Dataset, scale: ShipScale, psi: np.ndarray, drift: 
     return f"{text}antenna stands at the pivot point; take the heading of a compass, or state [frame] antenna."
 
 
-def _course(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, np.ndarray]:
+def _course(trial: Channels, scale: ShipScale) -> tuple[np.ndarray, np.ndarray]:
     """Course over ground and heading [rad] of the longest piece under way, in blocks."""
     blocks = ship_blocks(trial, scale, YAW_BLOCK)
     course = np.arctan2(*(blocks.increments(trial[name].values) for name in ("y", "x")))
@@ -269,7 +269,7 @@ def _course(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, np.ndarray
     return np.unwrap(course[piece]), blocks.middles(trial["psi"].values)[piece]
 
 
-def _under_way(trial: xr.Dataset, blocks: Blocks) -> slice:
+def _under_way(trial: Channels, blocks: Blocks) -> slice:
     """Longest piece of a track, in blocks, in which the ship makes way ahead."""
     speed = np.hypot(*(blocks.increments(trial[name].values) for name in ("x", "y")))
     moving = speed > SLOW * np.quantile(speed, 0.95)

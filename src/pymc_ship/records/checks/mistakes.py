@@ -6,17 +6,16 @@ explanation tries every entry of the channels in question, and every pair, and j
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.records.checks.verdicts import integral
 from pymc_ship.records.files.columns import CODES
-from pymc_ship.trial.record import sampling_interval, second_difference_sd
+from pymc_ship.trial.record import Channels, sampling_interval, second_difference_sd, unwrapped
 from pymc_ship.trial.units import KNOT
 
 BETTER, PAIR = 2.0, 2.0  # ratio of misfits from which a mistake explains a record, and a pair a single one's
@@ -27,7 +26,7 @@ _TOP, _NOISE = 0.99, 5.0  # quantile of |r|, and sd of its noise below that, of 
 _MATCHES = 0.1  # scale error of the rest of it
 _DEG = np.pi / 180.0
 
-Mend = Callable[[xr.Dataset], xr.Dataset]
+Mend = Callable[[Channels], Channels]
 
 
 @dataclass(frozen=True)
@@ -50,16 +49,20 @@ def changed(trial: xr.Dataset, **channels: np.ndarray) -> xr.Dataset:
     return trial.assign({name: ("time", values, trial[name].attrs) for name, values in channels.items()})
 
 
-def _scaled(trial: xr.Dataset, names: str, factor: float) -> xr.Dataset:
-    return changed(trial, **{name: factor * trial[name].values for name in names.split()})
+def _mended(trial: Channels, **channels: np.ndarray) -> Channels:
+    return {**trial, **{name: xr.Variable("time", values) for name, values in channels.items()}}
 
 
-def _swapped(trial: xr.Dataset, one: str, other: str) -> xr.Dataset:
-    return changed(trial, **{one: trial[other].values, other: trial[one].values})
+def _scaled(trial: Channels, names: str, factor: float) -> Channels:
+    return _mended(trial, **{name: factor * trial[name].values for name in names.split()})
 
 
-def _from_code(trial: xr.Dataset, name: str, unit: float) -> xr.Dataset:
-    return changed(trial, **{name: unit * CODES["ais"](trial[name].values / unit)})
+def _swapped(trial: Channels, one: str, other: str) -> Channels:
+    return _mended(trial, **{one: trial[other].values, other: trial[one].values})
+
+
+def _from_code(trial: Channels, name: str, unit: float) -> Channels:
+    return _mended(trial, **{name: unit * CODES["ais"](trial[name].values / unit)})
 
 
 def _wrong_unit(name: str, unit: str, factor: float, converted: str = "") -> Mistake:
@@ -78,50 +81,56 @@ def _exchanged(one: str, other: str) -> Mistake:
     )
 
 
-def _heading_residual_slope(trial: xr.Dataset, extra: np.ndarray) -> float:
+def _heading_residual_slope(trial: Channels, extra: np.ndarray) -> float:
     """Slope of the heading less the integral of r on a column, beside a constant and a trend."""
     time = trial["time"].values - trial["time"].values[0]
     turned = integral(trial["r"].values, sampling_interval(trial))
-    columns = np.column_stack([np.ones(time.size), time, extra])
-    return float(np.linalg.lstsq(columns, np.unwrap(trial["psi"].values) - turned)[0][-1])
+    alone = _detrended(extra, time)
+    return float(alone @ (unwrapped(trial["psi"].values) - turned) / max(alone @ alone, np.finfo(float).tiny))
 
 
-def _in_time(trial: xr.Dataset, name: str) -> xr.Dataset:
+def _detrended(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Values less their mean and trend."""
+    values, time = values - values.mean(), time - time.mean()
+    return values - (time @ values) / (time @ time) * time
+
+
+def _in_time(trial: Channels, name: str) -> Channels:
     """Trial whose r or psi is moved forward by its lag behind the other; unchanged where it is not late."""
-    if not {"r", "psi"} <= set(trial):
+    if not trial.keys() >= {"r", "psi"}:
         return trial
     time, lag = trial["time"].values, 0.0
     for _ in range(3):
-        moved = changed(trial, **{name: np.interp(time + lag, time, trial[name].values)})
+        moved = _mended(trial, **{name: np.interp(time + lag, time, trial[name].values)})
         lag += (1.0 if name == "r" else -1.0) * _heading_residual_slope(moved, moved["r"].values)
     return moved if lag > 0.0 else trial
 
 
-def _unclipped(trial: xr.Dataset) -> xr.Dataset:
+def _unclipped(trial: Channels) -> Channels:
     """Trial whose r is the slope of psi where it has its largest size; unchanged where the rest does not match psi."""
-    if not {"r", "psi"} <= set(trial):
+    if not trial.keys() >= {"r", "psi"}:
         return trial
-    r, slope = trial["r"].values, np.gradient(np.unwrap(trial["psi"].values), sampling_interval(trial))
+    r, slope = trial["r"].values, np.gradient(unwrapped(trial["psi"].values), sampling_interval(trial))
     clipped = np.abs(r) >= np.quantile(np.abs(r), _TOP) - _NOISE * float(second_difference_sd(r[None])[0])
     rest = np.where(clipped, 0.0, r)
     if abs(rest @ slope - rest @ rest) > _MATCHES * (rest @ rest):
         return trial
-    return changed(trial, r=np.where(clipped, slope, r))
+    return _mended(trial, r=np.where(clipped, slope, r))
 
 
-def _without_drift(trial: xr.Dataset) -> xr.Dataset:
+def _without_drift(trial: Channels) -> Channels:
     """Trial without the linear drift of the offset of r against psi."""
-    if not {"r", "psi"} <= set(trial):
+    if not trial.keys() >= {"r", "psi"}:
         return trial
     time = trial["time"].values - trial["time"].values[0]
-    return changed(trial, r=trial["r"].values + 2.0 * _heading_residual_slope(trial, time**2) * time)
+    return _mended(trial, r=trial["r"].values + 2.0 * _heading_residual_slope(trial, time**2) * time)
 
 
-def _without_drift_angle(trial: xr.Dataset) -> xr.Dataset:
+def _without_drift_angle(trial: Channels) -> Channels:
     """Trial whose psi is a heading, where it was the course over ground; unchanged without velocities."""
-    if not {"u", "v", "psi"} <= set(trial):
+    if not trial.keys() >= {"u", "v", "psi"}:
         return trial
-    return changed(trial, psi=trial["psi"].values - np.arctan2(trial["v"].values, trial["u"].values))
+    return _mended(trial, psi=trial["psi"].values - np.arctan2(trial["v"].values, trial["u"].values))
 
 
 SPEED_UNITS = {
@@ -207,24 +216,34 @@ MISTAKES = (
 )
 
 
-def corrected_by(trial: xr.Dataset, channels: Iterable[str], number: int) -> dict[tuple[Mistake, ...], xr.Dataset]:
-    """Trial mended of each set of ``number`` mistakes that concern some channels, by these mistakes."""
+def corrected_by(
+    trial: xr.Dataset, channels: Iterable[str], number: int
+) -> Iterator[tuple[tuple[Mistake, ...], Channels]]:
+    """Each set of ``number`` mistakes that concern some channels, and the trial mended of them; one trial at a time."""
     usual = [
         one for one in MISTAKES if set(one.channels.split()) <= set(trial) and set(one.channels.split()) & set(channels)
     ]
-    mended: dict[tuple[Mistake, ...], xr.Dataset] = {(): trial}
-    for size in range(1, number + 1):
-        mended = {chosen: chosen[-1].mend(mended[chosen[:-1]]) for chosen in combinations(usual, size)}
-    return mended
+    variables = {name: variable.to_base_variable() for name, variable in trial.variables.items()}
+    return _each_mended(variables, usual, number)
+
+
+def _each_mended(
+    trial: Channels, mistakes: Sequence[Mistake], number: int
+) -> Iterator[tuple[tuple[Mistake, ...], Channels]]:
+    if number == 0:
+        yield (), trial
+        return
+    for k, one in enumerate(mistakes, start=1):
+        for others, mended in _each_mended(one.mend(trial), mistakes[k:], number - 1):
+            yield (one, *others), mended
 
 
 def explanation(
-    trial: xr.Dataset, channels: Iterable[str], misfit: Callable[[xr.Dataset], float]
+    trial: xr.Dataset, channels: Iterable[str], misfit: Callable[[Channels], float]
 ) -> tuple[tuple[Mistake, ...], str]:
     """Mistake, or pair, after which a record agrees with itself best, none if unexplained; words on gain and key."""
     before = misfit(trial)
-    tried = corrected_by(trial, channels, 1) | corrected_by(trial, channels, 2)
-    after = {chosen: misfit(mended) for chosen, mended in tried.items()}
+    after = {chosen: misfit(mended) for number in (1, 2) for chosen, mended in corrected_by(trial, channels, number)}
     best = min(after, key=lambda chosen: after[chosen] * PAIR ** len(chosen), default=())
     if not best or after[best] > min(before / BETTER, EXPLAINED):
         return (), UNEXPLAINED

@@ -27,7 +27,7 @@ from pymc_ship.records.checks.verdicts import (
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares, ship_blocks
 from pymc_ship.records.files.sides import MIRROR_IMAGE, with_yaw_rate
 from pymc_ship.records.steering.approach import TOO_EARLY, WHOLE_APPROACH, approach_fault
-from pymc_ship.trial.record import AXES, sampling_interval
+from pymc_ship.trial.record import AXES, Channels, sampling_interval
 from pymc_ship.trial.units import KNOT
 
 DRIFT = 0.6  # largest v/U of a ship that makes way ahead: a drift angle of 37 deg, beyond that of the tightest turns
@@ -107,7 +107,7 @@ class _Motion:
         return (self.u > SLOW * self.fast) & (np.abs(self.v) <= DRIFT * self.U)
 
 
-def _motion(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None) -> tuple[_Motion, int]:
+def _motion(trial: Channels, scale: ShipScale, vessel: Vessel | None) -> tuple[_Motion, int]:
     """Motion of a record and the samples of a block."""
     blocks = ship_blocks(trial, scale, _BLOCK)
     means = {name: blocks.means(trial[name].values) for name in ("u", "v", "r", "phi") if name in trial}
@@ -199,7 +199,7 @@ def _explanation(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None, mot
     channels, most = ("u", "v", "r", "phi"), max(EXPLAINED, track_misfit(trial, scale) / BETTER)
     for number in (1, 2):
         mended = _corrected_vessel_files(motion) if number == 1 else {}
-        for chosen, changed in corrected_by(trial, channels, number).items():
+        for chosen, changed in corrected_by(trial, channels, number):
             if track_misfit(changed, scale) < most:
                 mended[" and ".join(one.words for one in chosen)] = _motion(changed, scale, vessel)[0]
         quantities = {mistake: _quantities(changed) for mistake, changed in mended.items()}

@@ -14,7 +14,7 @@ from pymc_ship.records.checks.mistakes import SIGNS, corrected_by
 from pymc_ship.records.checks.plausibility import DRIFT
 from pymc_ship.records.checks.verdicts import SLOW
 from pymc_ship.records.files.ship_scale import Blocks
-from pymc_ship.trial.record import sampling_interval, second_difference_sd
+from pymc_ship.trial.record import Channels, sampling_interval, second_difference_sd
 
 SAME = 0.02  # rms difference over the standard deviation of a channel below which, beside noise, motions are the same
 CONTRADICTS = 2.4  # error of a forecast over the usual one; 1 in 200 sets of runs of one ship has more
@@ -108,7 +108,7 @@ def contradicting_runs(trials: Mapping[str, xr.Dataset], L: float) -> list[str]:
     others = list(_without(name, responses).values())
     signs = [
         f"{one.words}: state {one.key}"
-        for (one,), mended in corrected_by(trials[name], ("delta", "v", "r"), 1).items()
+        for (one,), mended in corrected_by(trials[name], ("delta", "v", "r"), 1)
         if one in SIGNS and (row := _response(mended, L)) is not None and _error(row, others) <= 1.0
     ]
     cause = f"Most probably {signs[0]}" if signs else "It may be of another ship, loading or scale: leave it out"
@@ -128,15 +128,15 @@ def _worst(responses: Mapping[str, _Response]) -> float:
     return max((_error(responses[name], list(_without(name, responses).values())) for name in responses), default=0.0)
 
 
-def _response(trial: xr.Dataset, L: float) -> _Response | None:
+def _response(trial: Channels, L: float) -> _Response | None:
     """Response of a run; None without its channels or with too few blocks."""
-    if not {"u", "v", "r", "delta"} <= {*trial}:
+    if not trial.keys() >= {"u", "v", "r", "delta"}:
         return None
     speed = np.hypot(trial["u"].values, trial["v"].values)
     if not (usual := float(np.median(speed))) > 0.0:
         return None
     blocks = Blocks(max(1, round(_BLOCK * L / usual / sampling_interval(trial))))
-    if trial.sizes["time"] < _FEWEST * blocks.size:
+    if trial["time"].size < _FEWEST * blocks.size:
         return None
     u, v, r, delta = (blocks.middles(trial[name].values) for name in ("u", "v", "r", "delta"))
     U, fast = np.hypot(u, v), float(np.quantile(speed, 0.95))

@@ -24,7 +24,7 @@ from pymc_ship.records.checks.verdicts import (
 )
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks, ShipScale, least_squares, ship_blocks
 from pymc_ship.records.steering.current import drift_current, ground_speed_text, roll_angle, turned_to_earth
-from pymc_ship.trial.record import has_ground_speeds, sampling_interval
+from pymc_ship.trial.record import Channels, has_ground_speeds, sampling_interval
 
 LEVER = 0.005  # lever arm over L from which it matters: error of v' per r'
 LONGEST_LEVER = 0.6  # lever arm over L that a point on board can have
@@ -86,7 +86,7 @@ class TrackBlocks:
         return np.array([cos * forward - sin * starboard, sin * forward + cos * starboard])
 
 
-def track_blocks(trial: xr.Dataset, scale: ShipScale) -> tuple[TrackBlocks, np.ndarray]:
+def track_blocks(trial: Channels, scale: ShipScale) -> tuple[TrackBlocks, np.ndarray]:
     """Blocks of a trial and the increments of its measured track."""
     blocks = ship_blocks(trial, scale, YAW_BLOCK)
     psi, time = blocks.middles(trial["psi"].values), blocks.increments(trial["time"].values)
@@ -96,7 +96,7 @@ def track_blocks(trial: xr.Dataset, scale: ShipScale) -> tuple[TrackBlocks, np.n
     return track, track.increments(x, y)
 
 
-def earth_velocity(trial: xr.Dataset, axes: str = "body", sign: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def earth_velocity(trial: Channels, axes: str = "body", sign: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """x_dot and y_dot [m/s] from u and v of a trial in body or earth axes."""
     u, v = trial["u"].values, sign * trial["v"].values
     return (u, v) if axes == "earth" else turned_to_earth(u, v, trial)
@@ -193,9 +193,9 @@ def _misfit(
     return track.missing_velocity(residuals)
 
 
-def track_misfit(trial: xr.Dataset, scale: ShipScale) -> float:
+def track_misfit(trial: Channels, scale: ShipScale) -> float:
     """What u and v leave of the track over its size; 0 without a track."""
-    if missing_channels_text(trial, ("x", "y", "psi", "u", "v")):
+    if not trial.keys() >= {"x", "y", "psi", "u", "v"}:
         return 0.0
     track, measured = track_blocks(trial, scale)
     missing = measured - track.increments_of(*earth_velocity(trial))

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import Channels, sampling_interval
 
 TIGHTEST_TURN = 0.4  # L over the smallest radius U/|r| where L is unknown; merchant ships reach 0.3 to 0.6
 SIGNIFICANT = 5.0  # standard errors from which a finding counts: a false alarm in 1e5 trials of a few dozen tests
@@ -84,9 +84,9 @@ class Blocks:
         return 0.5 * (means[1:] + means[:-1])
 
 
-def ship_blocks(trial: xr.Dataset, scale: ShipScale, fraction: float) -> Blocks:
+def ship_blocks(trial: Channels, scale: ShipScale, fraction: float) -> Blocks:
     """Blocks of a fraction of L/U, of three samples or more, at least ten of them where the record allows."""
-    n_time = trial.sizes["time"]
+    n_time = trial["time"].size
     return Blocks(max(1, min(max(3, round(fraction * scale.time / sampling_interval(trial))), n_time // 10)))
 
 

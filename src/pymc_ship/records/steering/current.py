@@ -15,7 +15,7 @@ import xarray as xr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.steering_record import heading_change, is_manoeuvre
 from pymc_ship.records.steering.measured import denoise_motion
-from pymc_ship.trial.record import check_trial, has_ground_speeds
+from pymc_ship.trial.record import Channels, check_trial, has_ground_speeds
 
 _STEADY = np.pi  # heading change [rad] from which on the turn counts as steady
 _SPACING = np.deg2rad(5.0)  # heading between pairs of positions
@@ -65,12 +65,12 @@ class DriftCurrent:
         return f"{self.speed:.2g} m/s to {round(self.direction) % 360} deg"
 
 
-def roll_angle(trial: xr.Dataset) -> np.ndarray:
+def roll_angle(trial: Channels) -> np.ndarray:
     """Roll angle [rad] of a trial, 0 if not measured."""
-    return trial["phi"].values if "phi" in trial else np.zeros(trial.sizes["time"])
+    return trial["phi"].values if "phi" in trial else np.zeros(trial["time"].size)
 
 
-def turned_to_earth(u: np.ndarray, v: np.ndarray, trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+def turned_to_earth(u: np.ndarray, v: np.ndarray, trial: Channels) -> tuple[np.ndarray, np.ndarray]:
     """x_dot and y_dot [m/s] of body-fixed u and v [m/s] at the heading and heel of a trial."""
     psi, sway = trial["psi"].values, v * np.cos(roll_angle(trial))
     cos, sin = np.cos(psi), np.sin(psi)
