@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from pymc_ship.trial.record import second_difference_sd
+from pymc_ship.trial.record import Channels, second_difference_sd, unwrapped
 
 _SKEWED = np.deg2rad(2.0)  # largest shift of the base course from the course of the approach
 _ORDERED = 1.0  # deg, within which an angle is a multiple of 5
@@ -131,13 +131,14 @@ def fixed_rudder_intervals(delta: np.ndarray) -> Sequence[tuple[int, int]]:
     return tuple((k, end) for k, end in intervals if end - k >= _LASTS * longest and is_flat(k, end))
 
 
-def first_execute(trial: xr.Dataset) -> float:
+def first_execute(trial: Channels) -> float:
     """Time [s] of the first execute, at which the rudder is first put over; of a record without an approach its begin.
 
     Begin of the line through the last instants at a quarter and a half of the way to the first fixed angle.
     """
-    known = np.isfinite(trial["delta"].values)
-    return _first_execute(trial["delta"].values[known], trial["time"].values[known])
+    delta, time = trial["delta"].values, trial["time"].values
+    known = np.isfinite(delta)
+    return _first_execute(delta, time) if known.all() else _first_execute(delta[known], time[known])
 
 
 @_cache_by_values
@@ -173,7 +174,7 @@ def _line_begin(time: np.ndarray, rising: np.ndarray, levels: tuple[float, float
     return when[1] - (low - start) * (when[0] - when[1]) / (high - low)
 
 
-def is_manoeuvre(trial: xr.Dataset) -> np.ndarray:
+def is_manoeuvre(trial: Channels) -> np.ndarray:
     """Mask of the samples from the first execute to the end of the last fixed rudder; without one, to the end."""
     delta, time = trial["delta"].values, trial["time"].values
     intervals = fixed_rudder_intervals(delta)
@@ -197,7 +198,7 @@ def _left_early(trial: xr.Dataset, angle: float) -> bool:
     return bool(away.size) and float(np.mean(away[int(np.argmin(away)) :])) > _BREAK
 
 
-def is_approach(trial: xr.Dataset) -> np.ndarray:
+def is_approach(trial: Channels) -> np.ndarray:
     """Mask of the last part of the approach, from which approach speed and initial course are averaged."""
     time, begin = trial["time"].values, first_execute(trial)
     last = time[max(int(np.searchsorted(time, begin, side="right")) - 1, 0)]
@@ -209,15 +210,15 @@ def approach_speed(trial: xr.Dataset) -> float:
     return float(trial["u"].values[is_approach(trial)].mean())
 
 
-def heading_change(trial: xr.Dataset) -> np.ndarray:
+def heading_change(trial: Channels) -> np.ndarray:
     """Change of heading [rad] since the first execute, shape (n_time,)."""
-    psi = np.unwrap(trial["psi"].values)
+    psi = unwrapped(trial["psi"].values)
     return psi - psi[is_approach(trial)].mean()
 
 
-def base_course(trial: xr.Dataset) -> float:
+def base_course(trial: Channels) -> float:
     """Base course [rad]: of a zigzag the middle of the switching headings, otherwise the course of the approach."""
-    initial = float(np.unwrap(trial["psi"].values)[is_approach(trial)].mean())
+    initial = float(unwrapped(trial["psi"].values)[is_approach(trial)].mean())
     headings = [reversal.heading for reversal in rudder_reversals(trial)[1:]]
     sides = [[heading for heading in headings if sign * heading > 0.0] for sign in (1.0, -1.0)]
     if not all(sides):
@@ -239,21 +240,27 @@ def switching_headings(
     return side * (heading - middle), middle
 
 
-def rudder_reversals(trial: xr.Dataset) -> list[Reversal]:
+def rudder_reversals(trial: Channels) -> list[Reversal]:
     """Rudder reversals of a zigzag, its second and later executes; empty for another record."""
     reversals = reversals_at_any_heading(trial)
     return reversals if reversals and not zigzag_fault(reversals) else []
 
 
-def reversals_at_any_heading(trial: xr.Dataset) -> list[Reversal]:
+def reversals_at_any_heading(trial: Channels) -> list[Reversal]:
     """Rudder reversals between two opposite angles, at any heading."""
     delta, time = trial["delta"].values, trial["time"].values
     angle = zigzag_rudder_angle(delta[is_manoeuvre(trial)])
     if not angle:
         return []
-    psi = heading_change(trial)
+    return list(_reversals(delta, time, heading_change(trial), np.array([angle, first_execute(trial)])))
+
+
+@_cache_by_values
+def _reversals(delta: np.ndarray, time: np.ndarray, psi: np.ndarray, steering: np.ndarray) -> Sequence[Reversal]:
+    """Reversals between two opposite angles; ``steering`` is the angle [rad] and the time of the first execute [s]."""
+    angle, execute = steering
     side = np.where(delta > 0.8 * angle, 1, np.where(delta < -0.8 * angle, -1, 0))
-    at_angle = np.flatnonzero(side * (time >= first_execute(trial)))
+    at_angle = np.flatnonzero(side * (time >= execute))
     reversals = []
     for k in np.flatnonzero(np.diff(side[at_angle]) != 0):
         path = slice(at_angle[k], at_angle[k + 1] + 1)
@@ -262,7 +269,7 @@ def reversals_at_any_heading(trial: xr.Dataset) -> list[Reversal]:
         rate = 2.0 * _INNER * angle / (when[1] - when[0])
         begin = when[0] - (1.0 - _INNER) * angle / rate
         reversals.append(Reversal(begin, float(np.interp(begin, time, psi)), rate))
-    return reversals
+    return tuple(reversals)
 
 
 def _passage(time: np.ndarray, falling: np.ndarray, level: float) -> float:
@@ -271,6 +278,7 @@ def _passage(time: np.ndarray, falling: np.ndarray, level: float) -> float:
     return 0.5 * sum(float(np.interp(-level, -falling[k - 1 : k + 1], time[k - 1 : k + 1])) for k in (first, last))
 
 
+@_cache_by_values
 def zigzag_rudder_angle(delta: np.ndarray) -> float:
     """Rudder angle [rad] to both sides for most of a manoeuvre; 0 without one."""
     low, high = np.quantile(delta, [0.05, 0.95])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import MIN_LENGTH, denoise
 from pymc_ship.records.denoising.draws import denoise_draws
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, channel_names
-from pymc_ship.trial.record import is_uniform
+from pymc_ship.trial.record import Channels, is_uniform, unwrapped
 
 _RATIOS = (10.0, 30.0)  # s, L over the approach speed beyond which the limits of IMO MSC.137(76) are constant
 _MOTION = channel_names(lambda channel: channel.part == "motion")
@@ -38,16 +38,27 @@ def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
     Values at time 0 are interpolated. A record without a rudder begins at its first instant; a track without a heading
     is left out.
     """
+    aligned = _aligned(measured)
+    time = aligned.pop("time")
+    variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in aligned.items()}
+    return xr.Dataset(variables, {"time": time}, measured.attrs)
+
+
+def _aligned(measured: Channels) -> dict[str, np.ndarray]:
+    """Time and channels of :func:`align_to_first_execute`."""
     time = measured["time"].values.astype(float)
     channels = {name: measured[name].values.astype(float) for name in SIMULATED if name in measured}
-    known = {name: np.isfinite(values) for name, values in channels.items() if np.isfinite(values).any()}
+    known = {name: np.isfinite(values) for name, values in channels.items()}
+    known = {name: good for name, good in known.items() if good.any()}
     if "psi" in known:
-        channels["psi"][known["psi"]] = np.unwrap(channels["psi"][known["psi"]])
+        channels["psi"][known["psi"]] = unwrapped(channels["psi"][known["psi"]])
     start = first_execute(measured) if "delta" in known else time[0]
-    shifted = {
-        name: np.append(np.interp(start, time[good], channels[name][good]), channels[name][time > start])
-        for name, good in known.items()
-    }
+    later = slice(int(np.searchsorted(time, start, side="right")), None)
+    shifted = {}
+    for name, good in known.items():
+        values = channels[name]
+        first = np.interp(start, time, values) if good.all() else np.interp(start, time[good], values[good])
+        shifted[name] = np.append(first, values[later])
     if "psi" in shifted:
         has_steering = {"psi", "r", "delta"} <= channels.keys()
         whole = has_steering and all(known[name].all() for name in ("psi", "r", "delta") if name in known)
@@ -59,9 +70,7 @@ def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
         shifted |= {"x": c * north + s * east, "y": c * east - s * north}
     else:
         shifted = {name: values for name, values in shifted.items() if name not in ("x", "y")}
-    instants = np.append(start, time[time > start])
-    variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in shifted.items()}
-    return xr.Dataset(variables, {"time": instants - start}, measured.attrs)
+    return {"time": np.append(start, time[later]) - start} | shifted
 
 
 def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
@@ -102,22 +111,24 @@ def measured_criteria(
     return rows
 
 
-def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
+def indices_of_denoised(smooth: Channels, attrs: Mapping[Any, Any]) -> dict[str, float]:
     """Indices of a denoised trial, as :func:`measured_indices`."""
     kind = kind_named(attrs["manoeuvre"])
-    trial = align_to_first_execute(smooth)
-    if not all(np.isfinite(channel.values).all() for channel in trial.values()):
-        trial = trial.dropna("time")
-    if "psi" not in trial or trial.sizes["time"] < 3:
+    channels = _aligned(smooth)
+    gaps = np.isnan([*channels.values()]).any(axis=0)
+    if gaps.any():
+        channels = {name: values[~gaps] for name, values in channels.items()}
+    if "psi" not in channels or gaps.size - gaps.sum() < 3:
         return {}
-    has = set(trial.data_vars)
+    has = channels.keys() - {"time"}
     settings = dict(attrs) | {"rudder_delay": order_delay(smooth, attrs.get("rudder_delay", 0.0)), "base_course": 0.0}
+    trial = {name: xr.Variable("time", values) for name, values in channels.items()}
     if "delta" in has and kind.swings:
         settings |= _hand_steered_reversals(trial, settings)
     elif "delta" in has and kind.circles:
-        trial = trial.isel(time=slice(0, int(np.flatnonzero(is_manoeuvre(trial))[-1]) + 1))
-    time, psi = trial["time"].values, trial["psi"].values
-    channels = {str(name): channel.values for name, channel in trial.items()}
+        end = int(np.flatnonzero(is_manoeuvre(trial))[-1]) + 1
+        channels = {name: values[:end] for name, values in channels.items()}
+    time, psi = channels.pop("time"), channels["psi"]
     x, y = (channels.setdefault(name, np.zeros(time.size)) for name in ("x", "y"))
     if "r" not in has:
         channels["r"] = np.gradient(psi, time)
@@ -131,7 +142,7 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
     return {name: value if has.issuperset(kind.indices[name].needs) else np.nan for name, value in reached.items()}
 
 
-def order_delay(trial: xr.Dataset, stated: float) -> float:
+def order_delay(trial: Channels, stated: float) -> float:
     """Time [s] from the order of the first execute to the movement: recorded as ``delta_command``, else as stated or 0.
 
     The recorded order is the last step of the command, by half the largest angle or more, before the rudder is over.
@@ -173,7 +184,7 @@ def order_sentence(delay: float, speed: float) -> str:
     )
 
 
-def _hand_steered_reversals(trial: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+def _hand_steered_reversals(trial: Channels, attrs: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
     """Times [s] of the ordered reversals of a zigzag that was steered by hand; empty for another record."""
     reversals = rudder_reversals(trial)
     if not reversals:
@@ -208,19 +219,28 @@ def index_draws(
     *,
     draws: int,
     rng: np.random.Generator,
-    corrected: Callable[[xr.Dataset], xr.Dataset] = lambda smooth: smooth,
+    corrected: Callable[[xr.Dataset], xr.Dataset] = lambda drawn: drawn,
 ) -> dict[str, np.ndarray]:
-    """Draws of each index from draws of the denoised motion, each ``corrected``; empty if it cannot be denoised."""
+    """Draws of each index from draws of the denoised motion, ``corrected``; empty if it cannot be denoised."""
     names = denoisable_channels(measured)
     if not names:
         return {}
     drawn = denoise_draws(unwrap_heading(measured), draws=draws, rng=rng, channels=names)
-    return finite_indices(indices_of_denoised(corrected(drawn.isel(draw=k)), attrs) for k in range(draws))
+    return indices_of_draws(corrected(drawn), attrs)
 
 
-def finite_indices(runs: Iterable[Mapping[str, float]]) -> dict[str, np.ndarray]:
-    """Finite values of each index over several runs or draws; an index without any is left out."""
-    rows = list(runs)
+def indices_of_draws(drawn: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Finite values of each index over the draws of a denoised trial; an index without any is left out.
+
+    Channels have dims (draw, time), or (time,) where all draws share them.
+    """
+    variables = {name: variable.to_base_variable() for name, variable in drawn.variables.items() if name != "draw"}
+    shared = {name: variable for name, variable in variables.items() if "draw" not in variable.dims}
+    by_draw = {name: variables[name].transpose("draw", "time") for name in variables.keys() - shared.keys()}
+    rows = [
+        indices_of_denoised(shared | {name: draws[k] for name, draws in by_draw.items()}, attrs)
+        for k in range(drawn.sizes["draw"])
+    ]
     values = {name: np.array([row.get(name, np.nan) for row in rows]) for name in rows[0]}
     finite = {name: column[np.isfinite(column)] for name, column in values.items()}
     return {name: column for name, column in finite.items() if column.size}

@@ -24,7 +24,7 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.current import DriftCurrent, drift_current
-from pymc_ship.records.steering.measured import denoise_motion, finite_indices, index_draws, indices_of_denoised
+from pymc_ship.records.steering.measured import denoise_motion, index_draws, indices_of_denoised, indices_of_draws
 from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
 from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, stopping_of_denoised, stopping_order
 from pymc_ship.ships.ensemble.draws import thinned_draws
@@ -77,7 +77,7 @@ def corrected_indices(
     measured = indices_of_denoised(smooth, attrs)
     in_still_water = indices_of_denoised(without_current(smooth, flow), attrs)
     by_record = _deviations(
-        index_draws(trial, attrs, draws=DRAWS, rng=rng, corrected=lambda record: without_current(record, flow))
+        index_draws(trial, attrs, draws=DRAWS, rng=rng, corrected=lambda drawn: without_current(drawn, flow))
     )
     by_current = _by_current(smooth, current, attrs, rng)
     by_model = _ratios(manoeuvre, trial, wind, model)
@@ -139,16 +139,19 @@ def corrected_stopping(
 
 
 def without_current(smooth: xr.Dataset, velocity: np.ndarray) -> xr.Dataset:
-    """Trial with the current subtracted from track and velocities over ground."""
+    """Trial with the current subtracted from track and velocities over ground.
+
+    ``velocity`` [m/s] to north and east has shape (2,), or (n_draws, 2) for a trial of each draw, dims (draw, time).
+    """
     channels, time = {}, smooth["time"].values - smooth["time"].values[0]
-    for name, rate in zip(("x", "y"), velocity, strict=True):
+    north, east = velocity[..., 0, None], velocity[..., 1, None]
+    for name, rate in (("x", north), ("y", east)):
         if name in smooth:
-            channels[name] = ("time", smooth[name].values - rate * time)
+            channels[name] = smooth[name].values - rate * time
     if has_ground_speeds(smooth) and {"u", "v", "psi"} <= set(smooth.data_vars):
-        body_current = (velocity[0] + 1j * velocity[1]) * np.exp(-1j * smooth["psi"].values)
-        for name, part in (("u", body_current.real), ("v", body_current.imag)):
-            channels[name] = ("time", smooth[name].values - part)
-    return smooth.assign(channels)
+        body_current = (north + 1j * east) * np.exp(-1j * smooth["psi"].values)
+        channels |= {"u": smooth["u"].values - body_current.real, "v": smooth["v"].values - body_current.imag}
+    return smooth.assign({name: (("draw", "time")[-values.ndim :], values) for name, values in channels.items()})
 
 
 def mean_wind(trial: xr.Dataset, conditions: Conditions) -> tuple[float, float] | None:
@@ -187,8 +190,7 @@ def _by_current(
     if current is None:
         return {}
     drawn = current.velocity + current.sd * rng.standard_normal((DRAWS, 2))
-    by_draw = (indices_of_denoised(without_current(smooth, velocity), attrs) for velocity in drawn)
-    return _deviations(finite_indices(by_draw))
+    return _deviations(indices_of_draws(without_current(smooth, drawn), attrs))
 
 
 def _deviations(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
