@@ -227,17 +227,28 @@ def _is_header(row: Sequence[Any]) -> bool:
     )
 
 
-def _netcdf(path: Path) -> Table:
-    import xarray as xr
+def _netcdf(path: Path) -> dict[str, tuple[str, np.ndarray, dict[str, Any]]]:
+    """Dimension, values as stored and attributes of each vector."""
     from netCDF4 import Dataset
 
     with Dataset(path) as file:
-        check_size(path, [one.size for one in file.variables.values() if one.ndim == 1])
+        file.set_auto_maskandscale(False)
+        file.set_auto_chartostring(False)
+        vectors = {name: one for name, one in file.variables.items() if one.ndim == 1}
+        check_size(path, [one.size for one in vectors.values()])
+        read = {name: (*one.dimensions, one[:], one.__dict__) for name, one in vectors.items()}
+    _check_unpacked(path, sum(values.nbytes for _, values, _ in read.values()))
+    return read
+
+
+def _decoded(vectors: Mapping[str, tuple[str, np.ndarray, dict[str, Any]]]) -> Table:
+    """Table of the vectors of :func:`_netcdf`, by the CF conventions; their process does without xarray, slow to load."""
+    import xarray as xr
+
     clock = xr.coders.CFDatetimeCoder(use_cftime=False)
-    with xr.open_dataset(path, engine="netcdf4", decode_times=clock, decode_timedelta=False) as data:
-        series = {str(name): one for name, one in data.variables.items() if one.ndim == 1}
-        _check_unpacked(path, sum(one.nbytes for one in series.values()))
-        return [Series(name, one.values, str(one.attrs.get("units", ""))) for name, one in series.items()], []
+    data = xr.decode_cf(xr.Dataset(dict(vectors)), decode_times=clock, decode_timedelta=False)
+    series = {str(name): one for name, one in data.variables.items() if one.ndim == 1}
+    return [Series(name, one.values, str(one.attrs.get("units", ""))) for name, one in series.items()], []
 
 
 def _matlab(path: Path) -> Table:
@@ -322,25 +333,25 @@ def _columns_by_process(kind: str, path: Path) -> Table:
             f"{path} cannot be read as {kind}: its structure is damaged, or takes more than 1 GB or {_LONGEST:g} s; "
             "write it anew, or as CSV."
         ) from None
-    columns = pickle.loads(child.stdout)
-    if isinstance(columns, Exception):
-        raise columns
-    return columns
+    read = pickle.loads(child.stdout)
+    if isinstance(read, Exception):
+        raise read
+    return _decoded(read) if kind == "NetCDF" else read
 
 
 def send_columns(kind: str, path: str) -> None:
-    """Write the pickled columns of a file, or the error of their reader, to the standard output."""
+    """Write what a file contains, pickled, or the error of their reader, to the standard output."""
     with suppress(ImportError, OSError, ValueError):  # on Windows the time alone is limited
         import resource
 
         resource.setrlimit(resource.RLIMIT_DATA, 2 * (2 * _MOST_UNPACKED,))
         resource.setrlimit(resource.RLIMIT_CPU, 2 * (round(_LONGEST),))  # also where the reading process is killed
-    columns: Table | Exception
+    read: Any
     try:
-        columns = _READERS[kind](Path(path))
+        read = _READERS[kind](Path(path))
     except Exception as error:
-        columns = error
-    pickle.dump(columns, sys.stdout.buffer)
+        read = error
+    pickle.dump(read, sys.stdout.buffer)
 
 
 def _series(table: Mapping[str, Any], place: str = "") -> Iterator[Series]:
@@ -378,7 +389,7 @@ _KINDS = {
 }
 """Kind of a file by its first bytes; a MAT file of version 7.3 is HDF5 behind a header of its own."""
 
-_READERS: Mapping[str, Callable[[Path], Table]] = {
+_READERS: Mapping[str, Callable[[Path], Any]] = {
     "Parquet": _parquet,
     "xlsx": _xlsx,
     "NetCDF": _netcdf,
