@@ -12,7 +12,7 @@ from pymc_ship.physics.vessel.vessel import Windage, reference_coefficients
 from tests.ships.ensemble.cases import ship_of
 
 WIND, CURRENT = (9.0, 200.0), (0.4, 90.0)
-STEP = 0.5
+STEP = 1.0
 
 
 @cache
@@ -38,9 +38,9 @@ def ship():
     return ship_of((tanker(), draws()), motion=motion, index_error={})
 
 
-def run_record(manoeuvre, duration, *, wind=WIND, current=CURRENT, vessel=None):
+def run_record(manoeuvre, duration, *, wind=WIND, current=CURRENT, vessel=None, step=STEP):
     """Record of a run at a base course of 0, with the wind measured where there is any."""
-    run = ps.simulate(vessel or tanker(), manoeuvre, duration=duration, step=STEP, wind=wind, current=current)
+    run = ps.simulate(vessel or tanker(), manoeuvre, duration=duration, step=step, wind=wind, current=current)
     measured = {}
     if wind is not None:
         measured = {"wind_speed": np.full(run.sizes["time"], wind[0])}

@@ -16,6 +16,7 @@ from tests.ships.ensemble.cases import ship_of
 from tests.ships.sea_trials.cases import CURRENT, WIND, run_record, ship, tanker
 
 DAY = {"form": {"date": "2026-05-04"}}
+FINE = 0.5  # s
 CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
 
 
@@ -23,12 +24,18 @@ CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
 def day():
     """Two turns and two zigzags in wind and current, read by noisy sensors."""
     rng = np.random.default_rng(5)
-    runs = {"circle": run_record(CIRCLE, 2400), "zigzag": run_record(ZIGZAG, 1200)}
+    runs = {"circle": run_record(CIRCLE, 2400, step=FINE), "zigzag": run_record(ZIGZAG, 1200, step=FINE)}
     sd = {"x": 1.0, "y": 1.0, "psi": 0.002, "r": 2e-4, "u": 0.03, "v": 0.03}
     return {
         name: run.assign({key: run[key] + s * rng.standard_normal(run.sizes["time"]) for key, s in sd.items()})
         for name, run in runs.items()
     }
+
+
+@pytest.fixture
+def few_draws(monkeypatch):
+    """Draws of a test that is of no uncertainty."""
+    monkeypatch.setattr(corrections, "DRAWS", 10)
 
 
 def rows_of(result, run):
@@ -40,7 +47,7 @@ def calm():
     """Indices in calm, distances in L."""
     calm_indices = {}
     for name, manoeuvre, duration in (("circle", CIRCLE, 2400), ("zigzag", ZIGZAG, 1200)):
-        ds = ps.indices(run_record(manoeuvre, duration, wind=None, current=None))
+        ds = ps.indices(run_record(manoeuvre, duration, wind=None, current=None, step=FINE))
         L = tanker().particulars.L
         calm_indices[name] = {k: float(ds[k]) / (L if ds[k].attrs["units"] == "m" else 1.0) for k in ds}
     return calm_indices
@@ -51,6 +58,7 @@ def corrected(day):
     return ps.sea_trial(day, tanker(), ship=ship(), conditions=DAY, rng=1)
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_a_run_that_is_given_twice_is_named():
     run = run_record(ZIGZAG, 600, wind=None, current=None)
     other = run_record(ps.zigzag(10, 10, side="starboard"), 600, wind=None, current=None)
@@ -92,6 +100,7 @@ def test_without_a_ship_wind_is_not_corrected_and_the_uncertainty_unknown(measur
     assert "The indices are not corrected for wind: that needs an identified ship." in result.remarks
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_an_index_that_the_model_does_not_reach_has_no_uncertainty(monkeypatch, day):
     monkeypatch.setattr(corrections, "_ratios", lambda *given: {"advance": np.full(5, 1.1)})
     rows = rows_of(ps.sea_trial({"circle": day["circle"]}, tanker(), ship=ship(), rng=1), "circle")
@@ -101,6 +110,7 @@ def test_an_index_that_the_model_does_not_reach_has_no_uncertainty(monkeypatch, 
     assert np.isnan(rows["transfer"]["U"])
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_without_a_turn_angles_have_an_uncertainty_and_distances_none():
     result = ps.sea_trial({"zigzag": run_record(ZIGZAG, 1200, wind=None)}, tanker(), rng=1)
     rows = rows_of(result, "zigzag")
@@ -115,6 +125,7 @@ def test_a_zigzag_of_the_day_takes_the_current_of_the_turn(corrected):
     assert rows_of(corrected, "zigzag")["initial_turning_distance"]["corrected_for"] == "drift and wind"
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_drift_in_wind_or_of_an_unknown_day_is_of_its_own_run(day, measured):
     """In the twin of one day without wind the zigzag takes the drift."""
     other_day = ps.sea_trial(day, tanker(), ship=ship(), rng=1)
@@ -130,6 +141,7 @@ def test_drift_in_wind_or_of_an_unknown_day_is_of_its_own_run(day, measured):
     assert set(ps.sea_trial(calm, tanker(), conditions=DAY, rng=1).currents) == {"circle", "zigzag"}
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_a_drift_below_its_own_error_is_not_subtracted():
     """In a current of 0.6 m/s the twin is corrected; positions have an error of 8 m."""
     rng = np.random.default_rng(4)
@@ -155,6 +167,7 @@ def test_another_loading_is_that_of_a_ship_as_far_from_its_formulae(calm):
     assert abs(result["tactical_diameter"]["raw"] / calm["circle"]["tactical_diameter"] - 1.0) > 0.03
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_the_same_seed_gives_the_same_rows_and_another_does_not(day):
     runs = {"zigzag": day["zigzag"]}
     first, again, other = (ps.sea_trial(runs, tanker(), rng=seed).indices for seed in (1, 1, 2))
@@ -178,6 +191,7 @@ def turned(run, course):
     return run.assign({name: ("time", values) for name, values in channels.items()})
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_the_course_of_a_run_does_not_matter(day):
     course = np.deg2rad(130.0)
     runs = {"circle": day["circle"], "turned": turned(day["circle"], course)}
@@ -207,6 +221,7 @@ def body(velocity, psi):
     return flow.real, flow.imag
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_the_scatter_of_circles_is_in_the_current_of_other_runs():
     runs = {
         "east": run_record(CIRCLE, 2400, wind=None, current=(0.3, 90.0)),
@@ -231,6 +246,7 @@ def turned_frame(run, angle):
     return run.assign({name: ("time", values) for name, values in axes.items()})
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_a_run_whose_log_shows_another_drift_does_not_take_that_of_the_circle():
     """Its axes are turned by 90 deg; the twin, and a run without a log, take it."""
     circle, zigzag = (
@@ -246,6 +262,7 @@ def test_a_run_whose_log_shows_another_drift_does_not_take_that_of_the_circle():
     assert (row["corrected"], row["corrected_for"]) == (row["raw"], "nothing")
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_velocities_that_drift_with_the_track_of_a_circle_are_doubted():
     """The circle's u and v are over ground; those through the water of the twin are not doubted."""
     run = run_record(CIRCLE, 2400, wind=None, current=(0.8, 40.0))
@@ -288,6 +305,7 @@ def test_the_current_of_the_day_is_subtracted_from_a_stopping_test(stop):
     assert any("not subtracted from stop" in one for one in undated.remarks)
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_a_noted_wind_beside_headings_that_begin_at_0_is_told():
     """Not without a wind, and not on another course."""
     run = run_record(CIRCLE, 1500, wind=None)

@@ -6,6 +6,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
+from pymc_ship.ships.sea_trials import corrections
 from pymc_ship.ships.sea_trials.form import form_rows
 from tests.ships.sea_trials.cases import run_record, tanker
 
@@ -20,7 +21,9 @@ def result():
         "zigzag": run_record(ps.zigzag(10, 10), 900, wind=None),
         "straight": run_record(ps.zigzag(10, 10), 20, wind=None).pipe(lambda t: t.assign(delta=0.0 * t["delta"])),
     }
-    return ps.sea_trial(runs, tanker(), conditions=DAY, rng=1)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(corrections, "DRAWS", 10)
+        return ps.sea_trial(runs, tanker(), conditions=DAY, rng=1)
 
 
 @pytest.fixture(scope="module")
