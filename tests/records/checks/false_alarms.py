@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from itertools import product
+from itertools import count, product
 from pathlib import Path
 
 import numpy as np
@@ -39,8 +39,9 @@ def steps(L_over_U: float):
     return ps.rudder_programme(np.ravel([time, time + 2.0 * L_over_U - 0.01], "F"), np.repeat(angles, 2))
 
 
-def clean_records(seeds: int):
-    """Name, vessel and record, 14 L/U or more with 30 samples each."""
+def clean_records(seeds: int, every: int = 1):
+    """Name, vessel and record, 14 L/U or more with 30 samples each; of every so many records the first."""
+    turn = count()
     for path in VESSELS:
         vessel = ps.load_vessel(path)
         ship_time = vessel.particulars.L / vessel.particulars.nominal_speed
@@ -48,19 +49,23 @@ def clean_records(seeds: int):
             interval = max(0.1, round(ship_time / 30.0, 1))
             duration = interval * round((26.0 if name == "steps" else 15.0) * ship_time / interval)
             made = {"step": interval} if method == "euler" else {"record_interval": interval}
-            sailed = manoeuvre or steps(ship_time)
+            sailed, runs = manoeuvre or steps(ship_time), {}
             for (water, direction), (label, noise), seed in product(CURRENTS.items(), NOISE.items(), range(seeds)):
                 if water and (label not in ("none", "1 %") or method == "euler"):
                     continue
-                flow = (0.06 * vessel.particulars.nominal_speed, direction) if water else None
-                run = ps.simulate(vessel, sailed, duration=duration, method=method, current=flow, **made)
-                if run["diverged"]:
+                variants = ((), ("v",), ("r",))[: 1 + 2 * (seed % 2)]
+                chosen = [dropped for dropped in variants if next(turn) % every == 0]
+                if chosen and water not in runs:
+                    flow = (0.06 * vessel.particulars.nominal_speed, direction) if water else None
+                    runs[water] = ps.simulate(vessel, sailed, duration=duration, method=method, current=flow, **made)
+                if not chosen or runs[water]["diverged"]:
                     continue
+                run = runs[water]
                 rng = np.random.default_rng(seed)
                 kind = {"level": noise} if isinstance(noise, float) else {"noise": noise}
                 trial = ps.pollute(run, **kind, rng=rng) if noise else run
                 trial = trial.interpolate_na("time", fill_value="extrapolate")
-                for dropped in ((), ("v",), ("r",))[: 1 + 2 * (seed % 2)]:
+                for dropped in chosen:
                     title = f"{path.stem}, {name}, {method}, {f'{label} {water}'.strip()}, without {dropped}"
                     yield title, vessel, trial.drop_vars(dropped)
 

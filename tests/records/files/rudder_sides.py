@@ -25,9 +25,9 @@ def shown_side(trial: xr.Dataset) -> str:
     return effect.side if effect else ""
 
 
-def noisy_records(seeds: int) -> Iterator[tuple[tuple[str, str], xr.Dataset]]:
-    """Manoeuvre and noise, and the record, of every shipped vessel."""
-    for name, _, trial in clean_records(seeds):
+def noisy_records(seeds: int, every: int = 1) -> Iterator[tuple[tuple[str, str], xr.Dataset]]:
+    """Manoeuvre and noise, and the record, of every shipped vessel; of every so many records the first."""
+    for name, _, trial in clean_records(seeds, every):
         _, manoeuvre, _, noise, _ = name.split(", ")
         yield (manoeuvre, noise), trial
 
