@@ -62,7 +62,7 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
 
     def explain(*, rate_alone: bool) -> tuple[_Mistakes, str]:
         alone = partial(_rate_misfit, scale=scale, rate=rate, angle=angle)
-        return explanation(trial, (rate, angle), alone if rate_alone else partial(_misfit, scale=scale))
+        return explanation(trial, (rate, angle), alone if rate_alone else _misfit(trial, scale))
 
     check = _rate_scale_check(rate, angle, fit, explain)
     if check.verdict in ("bad", "not checked"):
@@ -182,11 +182,26 @@ def _rate_scale_check(rate: str, angle: str, fit: RateFit, explain: Callable[...
     return Check(name, "good", f"The integral of {rate} matches {angle} with a scale of {slope:.4g}.", numbers)
 
 
-def _misfit(trial: Channels, scale: ShipScale) -> float:
-    """Root mean square of what the channels leave of each other, rate by angle and heading by course, over its size."""
-    left = [_rate_misfit(trial, scale, *pair) for pair in (("r", "psi"), ("p", "phi")) if trial.keys() >= set(pair)]
-    left += [_course_misfit(trial, scale)] if trial.keys() >= {"x", "y", "psi"} else []
-    return float(np.sqrt(np.mean(np.square(left)))) if left else 0.0
+def _misfit(record: xr.Dataset, scale: ShipScale) -> Callable[[Channels], float]:
+    """Root mean square of what the channels leave of each other, rate by angle and heading by course, over its size.
+
+    It is of a record with mended channels; parts without one of these are computed once.
+    """
+    channels: Channels = dict(record.variables)
+    parts: list[tuple[set[str], Callable[[Channels], float]]] = [
+        ({rate, angle}, partial(_rate_misfit, scale=scale, rate=rate, angle=angle))
+        for rate, angle in (("r", "psi"), ("p", "phi"))
+    ]
+    parts.append(({"x", "y", "psi"}, partial(_course_misfit, scale=scale)))
+    known = [(names, part, part(channels)) for names, part in parts if channels.keys() >= names]
+
+    def misfit(mended: Channels) -> float:
+        other = {name for name in channels.keys() - {"time"} if mended[name].values is not channels[name].values}
+        read_by_all = other & {"phi", "u"}  # of the rate of turn, of the way ahead
+        left = [part(mended) if read_by_all or other & names else value for names, part, value in known]
+        return float(np.sqrt(np.mean(np.square(left)))) if left else 0.0
+
+    return misfit
 
 
 def _rate_misfit(trial: Channels, scale: ShipScale, rate: str, angle: str) -> float:
@@ -240,7 +255,7 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if 0.3 < slope < 3.0:
         text = f"The course over ground changes with the heading ({slope:.3g} rad per rad)."
         return Check("heading", "good", text, numbers)
-    _, cause = explanation(trial, ("psi", "r", "x", "y"), partial(_misfit, scale=scale))
+    _, cause = explanation(trial, ("psi", "r", "x", "y"), _misfit(trial, scale))
     text = f"The course over ground changes by {slope:.3g} rad per rad of heading; check unit and sign of psi, x and y"
     return Check("heading", "bad", f"{text}: {cause}.", numbers)
 
