@@ -314,16 +314,24 @@ def _onset_shift(trial: xr.Dataset, scale: ShipScale) -> tuple[float, float, flo
     near = np.abs(time - begin) <= unit
     if np.mean(time[near] < begin) < _LEAST_APPROACH or near.sum() < _FEWEST_BLOCKS:
         return 0.0, np.inf, np.inf
-    response, misfits, turned = r[near], [], integral(r, interval)[near]
+    constants, _ = np.linalg.qr(np.column_stack([time[near] - begin, np.ones(near.sum())]))
+
+    def beside(rows: np.ndarray) -> np.ndarray:
+        """Rows less their parts in the trend and the constant."""
+        return rows - (rows @ constants) @ constants.T
+
+    response, turned = beside(np.array([r[near], integral(r, interval)[near]]))
+    misfits = []
     for shift in _ONSETS:
-        pushed = integral(np.interp(time - shift * unit, time, trial["delta"].values), interval)[near]
-        columns = np.column_stack([pushed, time[near] - begin, np.ones(response.size), turned])
-        coefficients = np.linalg.lstsq(columns, response)[0]
+        pushed = beside(integral(np.interp(time - shift * unit, time, trial["delta"].values), interval)[near])
+        columns = np.array([pushed, turned])
+        coefficients = np.linalg.lstsq(columns @ columns.T, columns @ response)[0]
+        freedom = response.size - 4
         if coefficients[-1] > 0.0:  # a slow rudder that is shifted would explain a turn without damping
-            columns = columns[:, :-1]
-            coefficients = np.linalg.lstsq(columns, response)[0]
-        misfits.append(float(np.sum((response - columns @ coefficients) ** 2)))
-    late, error = _least(_ONSETS, misfits, response.size - columns.shape[1])
+            coefficients = np.array([pushed @ response / max(pushed @ pushed, np.finfo(float).tiny), 0.0])
+            freedom = response.size - 3
+        misfits.append(float(np.sum((response - coefficients @ columns) ** 2)))
+    late, error = _least(_ONSETS, misfits, freedom)
     return unit * late, unit * error, unit * max(SHIFTED, SIGNIFICANT * error)
 
 
