@@ -242,7 +242,7 @@ def _netcdf(path: Path) -> dict[str, tuple[str, np.ndarray, dict[str, Any]]]:
 
 
 def _decoded(vectors: Mapping[str, tuple[str, np.ndarray, dict[str, Any]]]) -> Table:
-    """Table of the vectors of :func:`_netcdf`, by the CF conventions; their process does without xarray, slow to load."""
+    """Table of the vectors of :func:`_netcdf`, by the CF conventions; without xarray their process starts sooner."""
     import xarray as xr
 
     clock = xr.coders.CFDatetimeCoder(use_cftime=False)
