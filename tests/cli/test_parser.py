@@ -58,16 +58,18 @@ def test_help_is_quick_and_imports_nothing_heavy():
     assert "argparse" in imported
 
 
-def test_simulate_imports_what_it_uses(tmp_path):
-    """Of SciPy no signal processing and no statistics, which take longer to import than the rest of it."""
+def test_simulate_and_check_import_what_they_use(tmp_path):
+    """Of SciPy no signal processing and no statistics, which take longer to import than the rest of it; no page."""
     script = (
         "import sys\nfrom pymc_ship.cli.main import main\n"
-        "assert main(sys.argv[1:]) == 0\nprint(*sorted(sys.modules), file=sys.stderr)"
+        "assert main(sys.argv[1:]) == 0 == main(['check', sys.argv[-1], '--vessel', 'kvlcc2'])\n"
+        "print(*sorted(sys.modules), file=sys.stderr)"
     )
     words = ["simulate", "kvlcc2", "--zigzag", "20/20", "--duration", "50", "--quiet", "--out", tmp_path / "trial.csv"]
     done = subprocess.run([sys.executable, "-c", script, *words], capture_output=True, text=True, check=True)
     imported = set(done.stderr.split())
     assert imported.isdisjoint(("scipy.signal", "scipy.stats", "matplotlib", "pymc", "arviz", "skopt"))
+    assert not [name for name in imported if name.startswith("pymc_ship.ships.design.")]
     assert "scipy.special" in imported
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.cli.check_page import check_page
 from pymc_ship.cli.files import Outcome, Progress, made_by, output_file, vessel_argument, write_text, write_trial_file
 from pymc_ship.cli.texts import check_text, table_text
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -50,6 +49,8 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     text += [table_text(_INDICES, indices, "Indices of the denoised record")] if indices else []
     printed = "\n\n".join(filter(None, text))
     if out and out.suffix.lower() == PAGE:
+        from pymc_ship.cli.check_page import check_page
+
         progress("writing the page")
         tables = {"columns": (_COLUMNS, columns), "indices": (_INDICES, indices)}
         sentences = {"failure": failure, "manoeuvre": manoeuvre, "lacking": lacking}

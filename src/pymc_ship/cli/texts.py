@@ -12,9 +12,7 @@ import xarray as xr
 from pymc_ship.inference.regression.tune import bound_text
 from pymc_ship.physics.vessel.rescaling import rescale
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.design.outlook import sentence_without_gain
 from pymc_ship.ships.ensemble.scores import BANDS
-from pymc_ship.ships.forecasting.forecast import NO_ROLL, draws_text, has_roll
 from pymc_ship.trial.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -149,6 +147,8 @@ def criteria_text(criteria: list[dict]) -> str:
 
 def design_text(result: xr.Dataset) -> str:
     """Ratio of interval widths after each candidate, its sea room, and the widths after the chosen runs."""
+    from pymc_ship.ships.design.outlook import sentence_without_gain
+
     steps = result["step"].values
     header = ("candidate", *(f"width ratio {k}" for k in steps), "sea room [m]")
     columns = [result["width_ratio"].sel(step=k).values for k in steps]
@@ -172,6 +172,8 @@ def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str]) -> str:
 
 def forecast_text(tree: xr.DataTree, columns: Mapping[str, Mapping[Any, Any]]) -> str:
     """Bands of each index beside other columns, with divergence and extrapolation of the forecast."""
+    from pymc_ship.ships.forecasting.forecast import NO_ROLL, draws_text, has_roll
+
     lines = [f"{tree.attrs['label']}: {draws_text(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]
     if "index_bands" in tree.children:
         bands = tree["index_bands"].to_dataset()
