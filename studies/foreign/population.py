@@ -111,14 +111,19 @@ def usual(ship) -> bool:
     and a quarter of its speed or more; the second overshoot of its 20/20 zigzag is below 40 deg.
     """
     try:
-        runs = [sailing.sail(ship, trial, interval=0.5) for trial in _USUAL]
-        *circles, zigzag = (sailing.indices(run, trial) for run, trial in zip(runs, _USUAL, strict=True))
+        return all(_is_usual_in(ship, trial) for trial in _USUAL)
     except (ValueError, OverflowError, ZeroDivisionError):
         return False
-    diameters = [circle["tactical_diameter"] / ship.papers.L for circle in circles]
-    ends = [(float(run["u"][-1]), abs(float(run["v"][-1]))) for run in runs[:-1]]
-    turns = all(math.atan2(v, u) < math.radians(25.0) and math.hypot(u, v) > 0.25 * ship.papers.speed for u, v in ends)
-    return turns and min(diameters) > 2.0 and max(diameters) < 6.0 and zigzag["second_overshoot_angle"] < 40.0
+
+
+def _is_usual_in(ship, trial: Trial) -> bool:
+    run = sailing.sail(ship, trial, interval=0.5)
+    found = sailing.indices(run, trial)
+    if trial.kind == "zigzag":
+        return found["second_overshoot_angle"] < 40.0
+    u, v = float(run["u"][-1]), abs(float(run["v"][-1]))
+    turns = math.atan2(v, u) < math.radians(25.0) and math.hypot(u, v) > 0.25 * ship.papers.speed
+    return turns and 2.0 < found["tactical_diameter"] / ship.papers.L < 6.0
 
 
 def a_ship(hull: str, rng: np.random.Generator):

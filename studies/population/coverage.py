@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
-from scipy.special import expit, logit, logsumexp
+from scipy.special import expit, logit
 from scipy.stats import norm, t
 
 from pymc_ship.physics.manoeuvre.kinds import SCORED_QUANTITIES
@@ -209,20 +209,24 @@ def fitted_law(indices: Columns, held: Columns) -> np.ndarray:
     ships = [
         (where(told, held["ship"] == ship), where(forecasts, mine["ship"] == ship)) for ship in np.unique(mine["ship"])
     ]
+    shown = np.append(np.isin(np.arange(len(TYPICAL)), kind), kind.size > 0)  # alone are fitted
+    begin = np.append(np.log(list(TYPICAL.values())), logit(LIKELIHOOD_WEIGHT))
 
-    def surprise(unknowns: np.ndarray) -> float:
+    def surprise(chosen: np.ndarray) -> float:
+        unknowns = begin.copy()
+        unknowns[shown] = chosen
         typical, likelihood_weight, total = np.exp(unknowns[:-1]), expit(unknowns[-1]), 0.0
         for seen, ahead in ships:
             law = size_law(seen["error"], seen["known"], typical[seen["kind"]], likelihood_weight)
             total -= np.mean(_log_densities(ahead["error"], ahead["known"], typical[ahead["kind"]], law))
         return total
 
-    begin = np.append(np.log(list(TYPICAL.values())), logit(LIKELIHOOD_WEIGHT))
-    simplex = np.vstack([begin, begin + _STRIDE * np.eye(begin.size)])
-    settings = {"initial_simplex": simplex, "xatol": _CHOSEN_TO, "fatol": _CHOSEN_TO}
-    found = minimize(surprise, begin, method="Nelder-Mead", options=settings).x
-    shown = np.isin(np.arange(len(TYPICAL)), kind)
-    return np.where(np.append(shown, shown.any()), np.append(np.exp(found[:-1]), expit(found[-1])), math.nan)
+    found = np.full(shown.size, math.nan)
+    if shown.any():
+        simplex = np.vstack([begin[shown], begin[shown] + _STRIDE * np.eye(shown.sum())])
+        settings = {"initial_simplex": simplex, "xatol": _CHOSEN_TO, "fatol": _CHOSEN_TO}
+        found[shown] = minimize(surprise, begin[shown], method="Nelder-Mead", options=settings).x
+    return np.append(np.exp(found[:-1]), expit(found[-1]))
 
 
 def _log_densities(
@@ -231,7 +235,7 @@ def _log_densities(
     """Log density of each error but for a constant, with the variance known of it and that of each size of a law."""
     size, log_weight = law
     variance = known[:, None] + (typical[:, None] * size) ** 2
-    return logsumexp(log_weight - 0.5 * (np.log(variance) + error[:, None] ** 2 / variance), axis=1)
+    return np.logaddexp.reduce(log_weight - 0.5 * (np.log(variance) + error[:, None] ** 2 / variance), axis=1)
 
 
 def _places(kinds: np.ndarray) -> np.ndarray:

@@ -114,7 +114,7 @@ class TestLaw:
         forecasts, held = self.ships()
         late = ~forecasts["first"]
         forecasts["error"] = np.where(late, 20.0 * forecasts["error"], forecasts["error"])
-        rows = {row["of"]: row for row in coverage.law_rows(forecasts, held, moving())}
+        rows = {row["of"]: row for row in coverage.law_rows(forecasts, held, moving(ships=100))}
         assert rows["typical error, angle"]["used"] == TYPICAL["angle"]
         assert rows["weight of an index"]["used"] == LIKELIHOOD_WEIGHT
         assert rows["typical error, distance"]["second"] > 3.0 * rows["typical error, distance"]["first"]
