@@ -44,7 +44,7 @@ _FORMS = {
 }
 _SCALES = (0.6, 1.2)
 _TRIED = 60
-_USUAL = (Trial("circle", 35.0, side="port"), Trial("circle", 35.0), Trial("zigzag", 20.0, 20.0))
+_USUAL = (Trial("zigzag", 20.0, 20.0), Trial("circle", 35.0, side="port"), Trial("circle", 35.0))
 _LASTS = {"zigzag": 20.0, "circle": 14.0, "pull-out": 20.0}  # L/U, of a record
 
 

@@ -25,13 +25,14 @@ def selected(config):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
+    inside = {path for path in {item.path for item in items} if FOLDER in path.parents}
     for item in items:
-        if FOLDER in item.path.parents:
+        if item.path in inside:
             item.add_marker("slow")  # none of them belongs in `make test-fast`
     if not selected(config):
-        long = [item for item in items if item.get_closest_marker("consistency")]
+        long = {item for item in items if item.get_closest_marker("consistency")}
         items[:] = [item for item in items if item not in long]
-        config.hook.pytest_deselected(items=long)
+        config.hook.pytest_deselected(items=list(long))
 
 
 def pytest_terminal_summary(terminalreporter, config):

@@ -200,11 +200,11 @@ def test_remarks_on_a_trial_stay_on_a_terminal(foreign, tmp_path, capsys, monkey
 
 @pytest.mark.parametrize("command", ["simulate", "regress", "forecast"])
 def test_the_same_seed_gives_identical_files(made, tmp_path, command):
-    vessel = ("--vessel", made / "small.toml")
+    vessel, turn = ("--vessel", made / "small.toml"), ("--turn", 35, "--side", "port")
     words = {
         "simulate": (made / "small.toml", "--zigzag", "20/20", "--duration", 20, "--noise", 0.01),
         "regress": (made / "trial.csv", *vessel, "--family", "conjugate", "--draws", 40, "--interval", 2),
-        "forecast": (made / "identified", *vessel, "--draws", 10, "--duration", 150, "--turn", 35),
+        "forecast": (made / "identified", *vessel, "--draws", 10, "--duration", 150, *turn),
     }[command]
     outs = [tmp_path / name / "result.csv" for name in ("one", "two", "other")]
     for out, seed in zip(outs, (5, 5, 6), strict=True):

@@ -87,7 +87,7 @@ def whole(nine):
     """Every estimator on two data sets."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(frontier, "DRAWS", 40)
-        return frontier.frontier(nine, seeds=2, seed=3, cells=WHOLE, duration=120.0, workers=1)
+        return frontier.frontier(nine, seeds=2, seed=3, cells=WHOLE, duration=80.0, workers=1)
 
 
 @pytest.mark.slow
