@@ -72,7 +72,7 @@ def test_a_grid_that_grows_keeps_its_results_and_gets_those_of_the_grown_one(stu
     grown = changed(study, ("seeds = 4", "seeds = 6"), ("[0.01, 0.05]", "[0.001, 0.01, 0.05]"))
     run(grown, tmp_path / "whole")
     shutil.copytree(plain, tmp_path / "out")
-    run(grown, tmp_path / "out")
+    run(grown, tmp_path / "out", workers=2)
     assert tables(tmp_path / "out") == tables(tmp_path / "whole")
     assert timings(tmp_path / "out").groupby("session").size().tolist() == [16, 20]
 

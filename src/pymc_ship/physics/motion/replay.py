@@ -25,9 +25,14 @@ from pymc_ship.physics.vessel.vessel import Vessel
 
 
 @njit(**KERNEL)
-def _replay(coefficients: np.ndarray, scheme: Scheme, initial: np.ndarray, record: Record, out: np.ndarray) -> None:
-    """Integrate the lanes along a record of inputs; write block means to ``out`` (n_states, n_lanes, n_blocks)."""
-    n_states, n_lanes, n_blocks = out.shape
+def _replay(
+    coefficients: np.ndarray, scheme: Scheme, initial: np.ndarray, record: Record, out: np.ndarray, first: int
+) -> None:
+    """Integrate the lanes along a record of inputs; add block means to ``out`` (n_states, n_draws, n_blocks).
+
+    Lane 0 is draw ``first``. A slice of the draws would be an array of another type, and the kernel compiled twice.
+    """
+    n_lanes, (n_states, _, n_blocks) = coefficients.shape[1], out.shape
     values, block, substeps, n_time = record.inputs, record.block, record.integration.substeps, record.inputs.shape[1]
     lanes = lanes_at_rest(n_lanes, record.integration.stages.shape[0], scheme)
     set_parts(coefficients, scheme, lanes.work)
@@ -39,7 +44,7 @@ def _replay(coefficients: np.ndarray, scheme: Scheme, initial: np.ndarray, recor
             break
         for row in range(n_states):
             for lane in range(n_lanes):
-                out[row, lane, k // block] += lanes.state[row, lane] / block
+                out[row, first + lane, k // block] += lanes.state[row, lane] / block
         for part in range(substeps):
             for row in range(values.shape[0]):
                 change = (values[row, min(k + 1, n_time - 1)] - values[row, k]) / substeps
@@ -48,7 +53,7 @@ def _replay(coefficients: np.ndarray, scheme: Scheme, initial: np.ndarray, recor
             advance_along(lanes, inputs, coefficients, scheme, record.integration)
     for lane in range(n_lanes):
         if diverged[lane] >= 0:
-            out[:, lane] = np.nan
+            out[:, first + lane] = np.nan
 
 
 def replay(
@@ -101,7 +106,7 @@ def replay(
 
     def run(lanes: slice) -> None:
         coefficients, states = (np.ascontiguousarray(rows[lanes].T) for rows in (draws, initial))
-        _replay(coefficients, equations, states, record, out[:, lanes])
+        _replay(coefficients, equations, states, record, out, lanes.start)
 
     map_in_threads(run, blocks)
     return out

@@ -106,8 +106,8 @@ def _follow(tangents: Tangents, record: Record, steps: tuple[int, int], instants
     """Integrate the sensitivities over the same steps; ``total`` (n_states, n_blocks, n_columns) takes their sums."""
     S, inner, rate = tangents.S, tangents.inner, tangents.rate
     stages, step, substeps = record.integration.stages, record.integration.step, record.integration.substeps
-    instant = 0
     for k in range(steps[0], steps[1]):
+        instant = (k - steps[0]) * stages.shape[0]
         if k % substeps == 0:
             sample = k // substeps
             increase(tangents.block, 1.0, S)
@@ -122,7 +122,6 @@ def _follow(tangents: Tangents, record: Record, steps: tuple[int, int], instants
             add(inner, tangents.begin, stages[stage, 0] * step, rate)
             _sensitivity_rate(inner, instants, instant + stage, rate)
             increase(S, stages[stage, 1] * step, rate)
-        instant += stages.shape[0]
 
 
 @njit(**KERNEL)

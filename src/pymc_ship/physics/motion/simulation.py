@@ -120,11 +120,17 @@ def _steer(steering: Steering, state: np.ndarray, command: float, rudder: Rudder
 
 @njit(**KERNEL)
 def _integrate(
-    coefficients: np.ndarray, scheme: Scheme, start: Start, steering: Steering, steps: Integration, out: np.ndarray
+    coefficients: np.ndarray,
+    scheme: Scheme,
+    start: Start,
+    steering: Steering,
+    steps: Integration,
+    out: np.ndarray,
+    first: int,
 ) -> np.ndarray:
     """Integrate the lanes; return the steps at which they diverged, -1 for those that did not.
 
-    The samples before that are written to ``out`` (9, n_lanes, n_saved).
+    The samples before that are written to ``out`` (9, n_draws, n_saved); lane 0 is draw ``first``.
     """
     n_lanes, command = coefficients.shape[1], steering.command
     lanes = lanes_at_rest(n_lanes, steps.stages.shape[0], scheme)
@@ -145,8 +151,8 @@ def _integrate(
             for lane in range(n_lanes):
                 if diverged[lane] < 0:
                     for row in range(STATE_ROWS):
-                        out[row, lane, k // steps.substeps] = lanes.state[row, lane]
-                    out[STATE_ROWS, lane, k // steps.substeps] = delta[lane]
+                        out[row, first + lane, k // steps.substeps] = lanes.state[row, lane]
+                    out[STATE_ROWS, first + lane, k // steps.substeps] = delta[lane]
         ahead = command[min(k + 1, command.size - 1)] if steering.travel == np.inf else command[k]
         _steer(steering, lanes.state, ahead, rudder)
         advance_along(lanes, inputs, coefficients, scheme, steps)
@@ -267,7 +273,7 @@ def _simulate_in_steps(
 
     def run(lanes: slice) -> np.ndarray:
         coefficients = np.ascontiguousarray(draws[lanes].T)
-        return _integrate(coefficients, equations, start, steering, steps, out[:, lanes])
+        return _integrate(coefficients, equations, start, steering, steps, out, lanes.start)
 
     diverged = np.concatenate(map_in_threads(run, blocks))
     for draw in np.flatnonzero(diverged >= 0):
