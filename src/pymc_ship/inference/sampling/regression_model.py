@@ -169,7 +169,7 @@ def nuts_posterior(
     target_accept : float, optional
         Target acceptance rate in (0, 1); closer to 1 against divergences.
     cores : int, optional
-        Parallel chains; default all cores for nutpie, 1 for the others.
+        Parallel chains; default all cores for a model that nutpie compiled, else 1.
     progress : bool, optional
         Whether to show a progress bar.
 
@@ -226,7 +226,8 @@ def sample_density(density: Density, settings: dict, seed: int, progress: bool) 
     kinds, shapes = [np.dtype(float)] * len(kept), [np.shape(value) for value in kept.values()]
     functions = (lambda: density.log_density), (lambda *_: density.parameters)
     model = from_pyfunc(density.start.size, *functions, kinds, shapes, list(kept), make_initial_point_fn=start)
-    return _sample_with_nutpie(model, settings, seed, progress)
+    # a density in Python is evaluated by one thread at a time: several chains would only wait for each other
+    return _sample_with_nutpie(model, settings | {"cores": settings.get("cores") or 1}, seed, progress)
 
 
 def _sample_with_nutpie(model: Any, settings: dict, seed: int, progress: bool) -> xr.DataTree:
