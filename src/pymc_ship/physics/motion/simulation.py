@@ -273,7 +273,7 @@ def _simulate_in_steps(
 
     def run(lanes: slice) -> np.ndarray:
         coefficients = np.ascontiguousarray(draws[lanes].T)
-        return _integrate(coefficients, equations, start, steering, steps, out, lanes.start)
+        return _integrate(coefficients, equations, start, steering, steps, out=out, first=lanes.start)
 
     diverged = np.concatenate(map_in_threads(run, blocks))
     for draw in np.flatnonzero(diverged >= 0):
