@@ -12,6 +12,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from pymc_ship.trial.record import unwrapped
+
 _AHEAD = 256  # samples in which a heading that turns back is sought first
 
 
@@ -42,9 +44,7 @@ class Record:
         end = good.size if good.all() else int(np.argmin(good))
         self.time, self.ordered_at = time[:end], time[0] - delay
         self.motion = {name: values[:end] for name, values in motion.items()}
-        psi = self.motion["psi"]
-        if np.abs(np.diff(psi)).max(initial=0.0) > np.pi:
-            self.motion["psi"] = np.unwrap(psi)
+        self.motion["psi"] = unwrapped(self.motion["psi"])
         self.drift = complex(*drift)
 
     @cached_property
