@@ -1,6 +1,7 @@
 """PyMC model of a regression and its sampling by NUTS; pymc is imported when called.
 
-NUTS samples in whitened coordinates; the posterior does not depend on them.
+With normal errors nutpie samples a density that equals the model's (:mod:`.whitened_model`), with others the model,
+both in whitened coordinates, on which the posterior does not depend.
 """
 
 from __future__ import annotations
