@@ -57,7 +57,10 @@ def test_right_tests_are_read(tmp_path):
 
 
 def test_drift_at_two_speeds_is_read(tmp_path):
-    assert read(tmp_path, at_two_speeds(0.1)).sizes["test"] == 2 * len(DRIFT)
+    columns = at_two_speeds(0.1)
+    assert read(tmp_path, columns).sizes["test"] == 2 * len(DRIFT)
+    columns["Y'"][3] = 0.0  # a force in the noise
+    assert read(tmp_path, columns).sizes["test"] == 2 * len(DRIFT)
 
 
 def unit(old, new):

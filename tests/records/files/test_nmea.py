@@ -186,6 +186,8 @@ def test_the_true_wind_of_mwd_is_read(run, read):
         trial = read(extended(run, lambda k, body=body: [body]))
         np.testing.assert_allclose(trial["wind_speed"], 10.0, atol=0.01)
         np.testing.assert_allclose(np.rad2deg(trial["wind_direction"]) % 360.0, 200.0, atol=0.01)
+    calm = read(extended(run, lambda k: ["WIMWD,200.0,T,,,0.0,N,,"]))
+    np.testing.assert_array_equal(calm["wind_speed"], 0.0)
     assert "wind_speed" not in read(extended(run, lambda k: ["WIMWD,,T,197.0,M,19.44,N,10.0,M"]))
 
 

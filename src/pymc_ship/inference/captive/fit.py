@@ -22,13 +22,13 @@ from pymc_ship.physics.motion.captive import captive_test_derivatives
 from pymc_ship.physics.vessel.parts import ship_dimensions
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel, coefficient_names
+from pymc_ship.records.denoising.ebayes import mad
 
 _NOMINAL = 0.05  # largest relative deviation from the nominal revolutions for a polynomial model
 _PASSES, _SETTLED = 20, 0.01  # iterations of the noise, and its relative tolerance
 _LEAST = 1e-3  # least noise over the largest force, for exact forces
 _SAME_SPEED = 0.05  # width of the groups of tests in the logarithm of the speed
 _ODD, _SEEN, _MOST = 5.0, 0.02, 0.05  # misfit of an odd test: robust sd, fraction of the largest force, and of tests
-_NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal variable
 _REVOLUTIONS = 0.1  # sd of the nominal revolutions on a carriage over those of the vessel
 
 
@@ -139,8 +139,7 @@ def _odd_tests(tests: xr.Dataset, vessel: Vessel, sd: dict[str, float], residual
     weight = (u**2 + v**2) / vessel.particulars.nominal_speed**2
     for (name, unit), z in zip(sd.items(), residuals.reshape(len(sd), -1), strict=True):
         measured, off = tests[name].values, unit * z / weight
-        robust = np.median(np.abs(z)) / _NORMAL_MEDIAN
-        odd = (np.abs(z) > _ODD * robust) & (np.abs(off * weight) > _SEEN * np.abs(measured * weight).max())
+        odd = (np.abs(z) > _ODD * mad(z)) & (np.abs(off * weight) > _SEEN * np.abs(measured * weight).max())
         for k in np.flatnonzero(odd) if odd.mean() <= _MOST else ():
             beta, rudder = np.rad2deg([np.arctan2(-v[k], u[k]) + 0.0, float(tests["delta"][k])])
             turn = float(tests["r"][k]) * vessel.particulars.L / np.hypot(u[k], v[k])

@@ -113,7 +113,9 @@ def _forces(tests: xr.Dataset, vessel: Vessel) -> str:
         fault = check(forces, motion[quantity][alone], vessel)
         if quantity == "v":
             fault = fault or _speeds(forces, motion[quantity][alone], speed[alone])
-        if fault := fault or (_resistance(tests, alone, straight) if quantity == "delta" else ""):
+        if quantity == "delta":
+            fault = fault or _resistance(tests, alone, straight)
+        if fault:
             return fault
     return ""
 
@@ -178,13 +180,14 @@ def _drift(forces: Mapping[str, np.ndarray], v: np.ndarray, vessel: Vessel) -> s
 
 def _speeds(forces: Mapping[str, np.ndarray], v: np.ndarray, speed: np.ndarray) -> str:
     """Y' of the same drift at several speeds: prime forces do not grow with the speed."""
-    if "Y" not in forces or speed.max() < _FASTER * speed.min():
+    known = np.flatnonzero(forces.get("Y", np.zeros(0)))
+    if known.size < _FEWEST:
         return ""
-    drift, groups = np.unique(np.round(v, 3), return_inverse=True)
-    sizes, logarithms = np.log(np.abs(forces["Y"])), np.log(speed)
+    drift, groups = np.unique(np.round(v[known], 3), return_inverse=True)
+    sizes, logarithms = np.log(np.abs(forces["Y"][known])), np.log(speed[known])
     for values in (sizes, logarithms):
         values -= (np.bincount(groups, values) / np.bincount(groups))[groups]
-    if np.ptp(logarithms) < np.log(_FASTER) or v.size - drift.size < _FEWEST:
+    if np.ptp(logarithms) < np.log(_FASTER) or known.size - drift.size < _FEWEST:
         return ""
     power = float(sizes @ logarithms / (logarithms @ logarithms))
     if abs(power) < _POWER:

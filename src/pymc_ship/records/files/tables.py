@@ -449,8 +449,10 @@ def _roll(message: Any) -> float | None:
 
 def _true_wind_speed(message: Any) -> float | None:
     """Speed [kn] beside a direction from true north."""
-    known = message.direction_true is not None
-    return (message.wind_speed_knots or float(message.wind_speed_meters) / KNOT) if known else None
+    if message.direction_true is None:
+        return None
+    knots = message.wind_speed_knots
+    return float(message.wind_speed_meters) / KNOT if knots is None else float(knots)
 
 
 def _relative_wind_speed(message: Any) -> float | None:
