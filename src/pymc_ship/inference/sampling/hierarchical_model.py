@@ -208,8 +208,8 @@ def reduced_groups(data: RegressionData, prior: SemiConjugatePrior, group: np.nd
 
 def marginal_density(reduced: ReducedGroups, prior: SemiConjugatePrior, spread: float) -> Density:
     """Density of log tau and log sigma2 up to a constant, with the coefficients integrated out."""
-    p, precision = reduced.projections.shape[1], 1.0 / prior.kappas(reduced.projections.shape[1])
-    n_groups, names = len(reduced.projections), ("scaled_group_sd", "scaled_group_noise_variance")
+    (n_groups, p), names = reduced.projections.shape, ("scaled_group_sd", "scaled_group_noise_variance")
+    precision = 1.0 / prior.kappas(p)
 
     def log_density(coordinates: np.ndarray) -> tuple[float, np.ndarray]:
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
