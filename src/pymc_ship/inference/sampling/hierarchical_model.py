@@ -185,8 +185,7 @@ def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tup
 class ReducedGroups(NamedTuple):
     """QR reduction of the rows of all groups about the prior mean, as the inputs of the density."""
 
-    triangles: np.ndarray
-    projections: np.ndarray
+    rows: np.ndarray  # [R z], shape (n_groups, n_terms, n_terms + 1)
     residual_squares: np.ndarray
     spare_rows: np.ndarray
 
@@ -195,20 +194,20 @@ def reduced_groups(data: RegressionData, prior: SemiConjugatePrior, group: np.nd
     """QR reduction of the rows of each group, padded to n_terms rows."""
     X, p, n_groups = data.scaled_design_matrix, data.n_terms, group.max() + 1
     y = data.scaled_response - X @ prior.means(p)
-    reduced = ReducedGroups(np.zeros((n_groups, p, p)), np.zeros((n_groups, p)), *np.zeros((2, n_groups)))
+    reduced = ReducedGroups(np.zeros((n_groups, p, p + 1)), *np.zeros((2, n_groups)))
     for g in range(n_groups):
         target = y[group == g]
         left, triangle = np.linalg.qr(X[group == g])
         projection = left.T @ target
         residual = target - left @ projection
-        reduced.triangles[g, : len(triangle)], reduced.projections[g, : len(triangle)] = triangle, projection
+        reduced.rows[g, : len(triangle)] = np.column_stack([triangle, projection])
         reduced.residual_squares[g], reduced.spare_rows[g] = residual @ residual, len(target) - p
     return reduced
 
 
 def marginal_density(reduced: ReducedGroups, prior: SemiConjugatePrior, spread: float) -> Density:
     """Density of log tau and log sigma2 up to a constant, with the coefficients integrated out."""
-    (n_groups, p), names = reduced.projections.shape, ("scaled_group_sd", "scaled_group_noise_variance")
+    (n_groups, p), names = reduced.rows.shape[:2], ("scaled_group_sd", "scaled_group_noise_variance")
     precision = 1.0 / prior.kappas(p)
 
     def log_density(coordinates: np.ndarray) -> tuple[float, np.ndarray]:
@@ -235,19 +234,20 @@ def standardised_draws(
 ) -> np.ndarray:
     """Exact draws of the standardised variables (n_draws, 1 + n_groups, n_terms), given tau and sigma2."""
     n_draws, p = tau.shape
-    eye, rows_of_groups = np.eye(p), list(zip(reduced.triangles, reduced.projections, strict=True))
+    eye = np.eye(p)
     precision, shift = np.tile(np.diag(1.0 / prior.kappas(p)), (n_draws, 1, 1)), np.zeros((n_draws, p))
-    for g, (triangle, projection) in enumerate(rows_of_groups):
-        own = triangle * tau[:, None, :]
+    for g, rows_of_group in enumerate(reduced.rows):
+        own = rows_of_group[:, :-1] * tau[:, None, :]
         root = np.linalg.cholesky(variance[:, g, None, None] * eye + own @ own.transpose(0, 2, 1))
-        whitened = np.linalg.solve(root, np.column_stack([triangle, projection]))
+        whitened = np.linalg.solve(root, rows_of_group)
         rows, target = whitened[..., :-1], whitened[..., -1]
         precision += rows.transpose(0, 2, 1) @ rows
         shift += np.einsum("nij,ni->nj", rows, target)
-    out = np.empty((n_draws, 1 + len(rows_of_groups), p))
+    out = np.empty((n_draws, 1 + len(reduced.rows), p))
     means = _normal(precision, shift, rng)
     out[:, 0] = means / np.sqrt(prior.kappas(p))
-    for g, (triangle, projection) in enumerate(rows_of_groups):
+    for g, rows_of_group in enumerate(reduced.rows):
+        triangle, projection = rows_of_group[:, :-1], rows_of_group[:, -1]
         own = triangle * tau[:, None, :] / np.sqrt(variance[:, g, None, None])
         error = (projection - means @ triangle.T) / np.sqrt(variance[:, g, None])
         out[:, 1 + g] = _normal(eye + own.transpose(0, 2, 1) @ own, np.einsum("nij,ni->nj", own, error), rng)
