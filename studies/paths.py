@@ -35,7 +35,7 @@ from pymc_ship.physics.vessel.term_sets import supports_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.identification.candidates import (
-    longest_modelled_piece,
+    modelled_pieces,
     prior_kind_of,
     window_prior,
     with_prior_knowledge,
@@ -129,7 +129,8 @@ def compare_paths(
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str, names: Sequence[str] | None) -> _Runs:
     manoeuvres, facilities = recognise_by_facility(trials, vessel)
     vessel = with_prior_knowledge(with_steering(vessel, next(iter(facilities.values()))), kind)
-    short = [longest_modelled_piece(thin_record(trial, vessel), vessel) for trial in trials]
+    pieces = [modelled_pieces(thin_record(trial, vessel), vessel) for trial in trials]
+    short = [max(of_run, key=lambda piece: piece.sizes["time"]) for of_run in pieces]
     windows = [prepared_windows(trial, vessel) for trial in short]
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     return _Runs(short, windows, manoeuvres, names, vessel, window_prior(short, vessel, kind))

@@ -20,9 +20,11 @@ import numpy as np
 import pymc_ship as ps
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.sampling.trajectory_model import mode_nuts_posterior
+from pymc_ship.inference.trajectory.mode import TrajectoryMode
+from pymc_ship.inference.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.inference.trajectory.posterior import laplace_posterior
 from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
-from pymc_ship.inference.trajectory.windows import fit_windows, normal_draws, prepared_windows, thin_record, window_mode
+from pymc_ship.inference.trajectory.windows import fit_windows, normal_draws, prepared_windows, thin_record
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 from pymc_ship.ships.identification.candidates import window_prior, with_recorded_effects
@@ -42,7 +44,10 @@ def main(paths: Sequence[str]) -> None:
     windows = [window for k, run in enumerate(runs) for window in prepared_windows(run, vessel, k)]
     prior = window_prior(runs, vessel, "hull_database")
     start = weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4")
-    mode, law = window_mode(windows, vessel, prior, start), fit_windows(windows, vessel, prior, start)
+    law = fit_windows(windows, vessel, prior, start)
+    sentence = f"root mean square residual of each channel times the root of the design effect {law.design_effect:.3g}"
+    noise = NoiseChoice(law.mode, "white", False, np.inf, residual_tests(law.mode), f"Noise sd: {sentence}.")
+    mode = TrajectoryMode(noise, 1, 1, {})
     law = replace(law, from_windows=law.mode.covariance, from_prior=np.zeros_like(law.from_prior))
     normal = laplace_posterior(mode, draws=2000, chains=2, rng=np.random.default_rng(1))
     nuts = mode_nuts_posterior(mode, draws=300, chains=2, tune=150, rng=np.random.default_rng(2))

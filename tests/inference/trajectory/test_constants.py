@@ -117,5 +117,5 @@ def test_the_likelihood_of_draws_uses_the_current_of_each_trial(fitted):
     calm = mode.unknowns.copy()
     calm[mode.problem.n_coefficients : mode.problem.n_shared] = 0.0
     moving, still = log_likelihood_rows(mode, np.array([mode.unknowns, calm])).sum(axis=1)
-    assert moving == pytest.approx(mode.log_likelihood, rel=1e-9)
+    assert moving == pytest.approx(mode.point.log_likelihood, rel=1e-9)
     assert still < moving - 100.0

@@ -55,7 +55,7 @@ class TestDensities:
     def test_rows_of_the_log_likelihood_sum_to_that_of_the_fit(self, shifted_fit):
         rows = log_likelihood_rows(shifted_fit, shifted_fit.unknowns[None])
         assert rows.shape == (1, 600 + 300)
-        assert rows.sum() == pytest.approx(shifted_fit.log_likelihood, rel=1e-10)
+        assert rows.sum() == pytest.approx(shifted_fit.point.log_likelihood, rel=1e-10)
 
     def test_the_log_prior_integrates_to_one(self, shifted_fit):
         """Draws of the prior have the mean log density of a normal: minus its entropy."""

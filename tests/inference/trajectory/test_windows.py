@@ -14,6 +14,8 @@ from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory import prior as priors
 from pymc_ship.inference.trajectory import windows as window_fit
 from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem
+from pymc_ship.inference.trajectory.mode import TrajectoryMode
+from pymc_ship.inference.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.inference.trajectory.posterior import laplace_posterior
 from pymc_ship.inference.trajectory.prior import wide_prior as window_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
@@ -29,7 +31,6 @@ from pymc_ship.inference.trajectory.windows import (
     prepared_windows,
     thin_record,
     window_misfit,
-    window_mode,
     window_records,
 )
 from pymc_ship.machine.errors import TrialError
@@ -164,13 +165,16 @@ class TestMode:
         vessel = with_terms(tanker(), TRUE_TERMS)
         prior, start = wide_prior(reference_coefficients(vessel), 1.0), reference_coefficients(vessel)
         windows = prepared_windows(trial(RUNS[0], seed=1), vessel)
-        fit, mode = fit_windows(windows, vessel, prior, start), window_mode(windows, vessel, prior, start)
-        mode_fit = mode.choice.fit
+        fit = fit_windows(windows, vessel, prior, start)
+        mode_fit = fit.mode
+        noise_choice = NoiseChoice(mode_fit, "white", False, np.inf, residual_tests(mode_fit), "")
         np.testing.assert_array_equal(mode_fit.coefficients, fit.coefficients)
         np.testing.assert_allclose(np.linalg.inv(mode_fit.covariance), fit.information, rtol=1e-9)
         for noise in mode_fit.problem.noise:
             np.testing.assert_allclose(noise.sd, list(fit.effective_sd.values()), rtol=0.03)
-        tree = laplace_posterior(mode, draws=400, chains=2, rng=np.random.default_rng(1))
+        tree = laplace_posterior(
+            TrajectoryMode(noise_choice, 1, 1, {}), draws=400, chains=2, rng=np.random.default_rng(1)
+        )
         drawn = tree["posterior"]["coefficients"].stack(sample=("chain", "draw")).transpose("sample", ...).values
         z = (drawn.mean(axis=0) - fit.coefficients) / (drawn.std(axis=0) / np.sqrt(400))
         assert np.abs(z).max() < 4.5

@@ -18,7 +18,6 @@ from pymc_ship.ships.identification.candidates import (
     _windows_ahead,
     default_term_sets,
     fit_candidates,
-    longest_modelled_piece,
     modelled_pieces,
     modelled_windows,
     partial_run_remarks,
@@ -173,8 +172,8 @@ def test_sets_for_a_ship_ahead_take_the_piece_in_which_it_is(truth, trials):
     """A long time at rest is a part of the record for parts at any speed alone."""
     rest = np.where(trials[0]["time"].values < 200.0, 0.05, 1.0)
     whole = trials[0].assign({name: trials[0][name] * rest for name in ("u", "v", "r")})
-    cut = longest_modelled_piece(whole, known(truth))
-    assert longest_modelled_piece(whole, with_terms(known(truth), ANY_SPEED_SET)) is whole
+    (cut,) = modelled_pieces(whole, known(truth))
+    assert modelled_pieces(whole, with_terms(known(truth), ANY_SPEED_SET))[0] is whole
     assert float(cut["time"][0]) == pytest.approx(200.0, abs=10.0)
     overruled = ["jumps", "yaw rate", "speed", "track closure"]
     short, kept = (ps.validated_trial(whole, known(truth), overruled, any_speed=each) for each in (False, True))
@@ -191,7 +190,8 @@ def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_p
     assert (sets[0], sets[-1]) == (AHEAD_SET, ANY_SPEED_SET)
     whole, ahead = (with_terms(known(truth), name) for name in (ANY_SPEED_SET, AHEAD_SET))
     for judged, trial in zip(_windows_ahead(training, whole), training.trials, strict=True):
-        cut = prepared_windows(longest_modelled_piece(trial, ahead), ahead)
+        (piece,) = modelled_pieces(trial, ahead)
+        cut = prepared_windows(piece, ahead)
         assert [window.run.start for window in judged] == [window.run.start for window in cut]
         assert judged[0].run.start > 40.0
     found = ps.identify_ship(begun, known(truth), terms=[SET], draws=8, rng=1)
@@ -210,7 +210,6 @@ def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
     assert float(first["time"][-1]) == pytest.approx(150.0, abs=10.0)
     assert float(second["time"][0]) == pytest.approx(190.0, abs=10.0)
     assert float(second["time"][-1]) == pytest.approx(last - 40.0, abs=10.0)
-    assert longest_modelled_piece(broken, ahead).identical(max(first, second, key=lambda piece: piece.sizes["time"]))
     starts = [window.run.start for window in modelled_windows(broken, ahead)]
     assert starts == [window.run.start for piece in (first, second) for window in prepared_windows(piece, ahead)]
     training = _prepare([broken, trials[1]], known(truth), "hull_database")

@@ -188,11 +188,6 @@ class TrajectoryFit:
     log_evidence: float  # up to a constant for a partly flat prior
 
     @property
-    def log_likelihood(self) -> float:
-        """Log likelihood at the mode."""
-        return self.point.log_likelihood
-
-    @property
     def coefficients(self) -> np.ndarray:
         """Posterior mode of the coefficients, (n_coefficients,)."""
         return self.unknowns[: self.problem.n_coefficients]

@@ -14,8 +14,6 @@ import scipy
 import xarray as xr
 
 from pymc_ship.inference.trajectory.fit import TrajectoryFit, fit_trajectory, initial_problem
-from pymc_ship.inference.trajectory.mode import TrajectoryMode
-from pymc_ship.inference.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
 from pymc_ship.machine.errors import FitError, ShipError, TrialError
@@ -183,17 +181,6 @@ def fit_windows(
         n_windows=len(windows),
         mode=fit,
     )
-
-
-def window_mode(
-    windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, start: np.ndarray
-) -> TrajectoryMode:
-    """Mode of :func:`fit_windows` without the sandwich covariance, for Laplace and NUTS draws."""
-    fit, _, design_effect = _iterated_fit(windows, vessel, prior, start, None)
-    sentence = (
-        f"Noise sd: root mean square residual of each channel times the root of the design effect {design_effect:.3g}."
-    )
-    return TrajectoryMode(NoiseChoice(fit, "white", False, np.inf, residual_tests(fit), sentence), 1, 1, {})
 
 
 def _iterated_fit(

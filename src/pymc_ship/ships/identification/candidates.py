@@ -420,11 +420,6 @@ def modelled_pieces(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
     return pieces
 
 
-def longest_modelled_piece(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
-    """The longest of :func:`modelled_pieces`, the first of equal ones."""
-    return max(modelled_pieces(trial, vessel), key=lambda piece: piece.sizes["time"])
-
-
 def modelled_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list[Window]:
     """Windows of all :func:`modelled_pieces` of a thinned record, the trial of this number."""
     return _windows(modelled_pieces(trial, vessel), vessel, number)
