@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -73,10 +72,9 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         page = write_refusals(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
     progress("forecasting standard manoeuvres and choosing the next run")
-    summary = manoeuvring_summary(identification.ship, rng)
+    forecasts, summary = manoeuvring_summary(identification.ship, rng)
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
-    made |= {"forecasts": summary.forecasts, "summary": summary.sentences}
-    made["captive"] = captive_comparison(identification, rng)
+    made |= {"forecasts": forecasts, "summary": summary, "captive": captive_comparison(identification, rng)}
     record: dict[str, Any] = {"runs": identification.names, "quality_flags": identification.quality_flags}
     with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
         save_ship(identification.ship, folder, made_by=made_by(args), **record)
@@ -85,7 +83,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         term_set_text(identification),
         compared_index_text(identification.held_out_indices, "Held-out runs and their forecasts"),
     ]
-    text += ["\n".join(sentences) for sentences in (summary.sentences, identification.ship.remarks)]
+    text += ["\n".join(sentences) for sentences in (summary, identification.ship.remarks)]
     return "\n\n".join(filter(None, [*text, identification.quality_flags["record_remarks"]])), out / PAGE.file
 
 
@@ -132,29 +130,20 @@ def is_ship_folder(path: str) -> bool:
     return (Path(path) / FOLDER).is_dir()
 
 
-@dataclass(frozen=True)
-class _CommandShip:
-    """The ship of a command, and the vessel of its page; ``reference`` is simulated for comparison with forecasts."""
-
-    ship: Ship
-    vessel: Vessel
-    reference: Vessel | None
-
-
-def _ship_of(args: argparse.Namespace, rng: np.random.Generator, progress: Progress, *, draws: int) -> _CommandShip:
-    """Ship of a folder of `identify`, or of a posterior with ``--vessel``."""
+def _ship_of(
+    args: argparse.Namespace, rng: np.random.Generator, progress: Progress, *, draws: int
+) -> tuple[Ship, Vessel]:
+    """Ship of a folder of `identify`, or of a posterior with ``--vessel``, and the vessel of its page."""
     if is_ship_folder(args.posterior):
         ship = load_ship(args.posterior)
-        vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
-        return _CommandShip(ship, vessel, None)
+        return ship, vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
     if args.vessel is None:
         raise ValueError(
             f"The posterior {args.posterior} needs the particulars of its ship, found no --vessel; add --vessel."
         )
     vessel = model_argument(args.vessel, progress)
     posteriors = read_posteriors(Path(args.posterior), args.family, vessel)
-    ship = Ship.from_posterior(vessel, posteriors, draws=draws, rng=rng)
-    return _CommandShip(ship, vessel, vessel)
+    return Ship.from_posterior(vessel, posteriors, draws=draws, rng=rng), vessel
 
 
 def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | dict[str, xr.DataTree]:
@@ -181,8 +170,8 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
 
     rng = np.random.default_rng(args.seed)
-    source = _ship_of(args, rng, progress, draws=args.draws)
-    ship, state = source.ship, rng.bit_generator.state
+    ship, vessel = _ship_of(args, rng, progress, draws=args.draws)
+    state, simulated = rng.bit_generator.state, None if is_ship_folder(args.posterior) else vessel
     manoeuvres = requested_manoeuvres(args, (args.side,) if args.side else SIDES)
     measured = _measured(args, ship, progress)
     known = {manoeuvre.label for manoeuvre, _ in measured.values()}
@@ -201,12 +190,12 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
         progress(f"forecasting the {label}")
         rng.bit_generator.state = state  # the same random numbers for every manoeuvre
         trees[label] = _forecast(args, ship, manoeuvre, measured.get(label), rng)
-        reference = _reference(manoeuvre, source.reference, trees[label], **_surroundings(args))
+        reference = _reference(manoeuvre, simulated, trees[label], **_surroundings(args))
         text.append(_text(trees[label], label, measured, ship.vessel, reference))
     text += [spiral_sentence(turns)] if turns is not None else []
     text += [stopping_sentence(stop)] if stop is not None else []
     trials = {label: trial for label, (_, trial) in measured.items()}
-    settings: dict[str, Any] = {"vessel": source.vessel, "measured": trials, "turns": turns, "stop": stop}
+    settings: dict[str, Any] = {"vessel": vessel, "measured": trials, "turns": turns, "stop": stop}
     page = write_forecast_page(ship, trees, out, **settings, command=made_by(args), progress=progress)
     text.append("\n".join(measured_doubts(trials, trees)))
     return "\n\n".join(filter(None, text)), page
@@ -246,9 +235,9 @@ def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree, *
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Choose the next runs; the text has interval widths and sea room of each candidate."""
-    source = _ship_of(args, np.random.default_rng(args.seed), progress, draws=_DESIGN_DRAWS)
+    ship, _ = _ship_of(args, np.random.default_rng(args.seed), progress, draws=_DESIGN_DRAWS)
     out, room = writable_folder(args.out), np.inf if args.sea_room is None else args.sea_room
-    result = ps.design(source.ship, n=args.n, sea_room=room, wind=args.wind, progress=progress)
+    result = ps.design(ship, n=args.n, sea_room=room, wind=args.wind, progress=progress)
     with staged_files(out) as folder:
         ratio = result["width_ratio"].transpose("candidate", "step")
         header = ("candidate", "sea_room", *(f"width_ratio_{k}" for k in ratio["step"].values))

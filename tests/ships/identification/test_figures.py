@@ -23,17 +23,18 @@ from tests.ships.identification.three_zigzags import model, runs
 def test_held_out_windows_are_what_the_scores_are_made_of():
     best, trials = model().candidates[0], list(runs().values())
     square = [
-        np.mean((window.record - window.forecast) ** 2, axis=1)
+        np.mean((window.means - forecast) ** 2, axis=1)
         for k in range(3)
-        for window in held_out_windows(best, trials, k)
+        for window, forecast in held_out_windows(best, trials, k)
     ]
     assert np.sqrt(np.mean(square, axis=0)) == pytest.approx(list(best.held_out.rms.values()), rel=1e-12)
     windows = held_out_windows(best, trials, 1)
-    time = np.concatenate([window.time for window in windows])
+    time = np.concatenate([window.time for window, _ in windows])
     assert np.all(np.diff(time) > 0.0)
     assert time[-1] > 550.0
-    v = np.interp(windows[1].time, trials[1]["time"], trials[1]["v"])
-    assert np.abs(windows[1].record[1] - v).max() < 0.06
+    second, _ = windows[1]
+    v = np.interp(second.time, trials[1]["time"], trials[1]["v"])
+    assert np.abs(second.means[1] - v).max() < 0.06
 
 
 def test_a_name_with_dollars_is_no_formula():

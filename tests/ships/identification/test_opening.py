@@ -22,7 +22,7 @@ from tests.ships.identification.three_zigzags import kvlcc2, model
 
 @cache
 def forecasts():
-    return manoeuvring_summary(model().ship, np.random.default_rng(2)).forecasts
+    return manoeuvring_summary(model().ship, np.random.default_rng(2))[0]
 
 
 @cache

@@ -339,7 +339,7 @@ def test_a_single_run_is_reported_by_its_windows(tmp_path):
     assert not (tmp_path / "figures" / "term_set_scores.png").exists()
     best = ship.candidates[0]
     windows = held_out_windows(best, list(trials.values()), 0)
-    square = [np.mean((window.record - window.forecast) ** 2, axis=1) for window in windows]
+    square = [np.mean((window.means - forecast) ** 2, axis=1) for window, forecast in windows]
     assert np.sqrt(np.mean(square, axis=0)) == pytest.approx(list(best.held_out.rms.values()), rel=1e-12)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import xarray as xr
 
@@ -22,16 +20,11 @@ LEAST_GAIN = 0.05  # fraction of the widths by which a recommended run shortens 
 _INSIDE = 0.95  # probability of intervals
 
 
-@dataclass(frozen=True)
-class ManoeuvringSummary:
-    """Summary of an identified ship."""
+def manoeuvring_summary(ship: Ship, rng: np.random.Generator) -> tuple[dict[str, xr.DataTree], tuple[str, ...]]:
+    """Forecasts of the standard manoeuvres by label, with intervals of 95 %, and sentences.
 
-    forecasts: dict[str, xr.DataTree]  # of the standard manoeuvres, by their label, with intervals of 95 %
-    sentences: tuple[str, ...]  # tactical diameter of the turning circles, and the recommended next run
-
-
-def manoeuvring_summary(ship: Ship, rng: np.random.Generator) -> ManoeuvringSummary:
-    """Forecasts of the standard manoeuvres, and the run that would shorten their intervals most."""
+    The sentences are on the tactical diameter, and on the run that would shorten the intervals most.
+    """
     vessel, drawn = ship.models[0][0], thinned_draws(ship.models, _DRAWS)
     settings = simulation_settings(vessel, ci_prob=_INSIDE, motion=ship.motion)
     settings["errors"] = (ship.index_error or {}) | steady_error(ship.motion_error)
@@ -48,7 +41,7 @@ def manoeuvring_summary(ship: Ship, rng: np.random.Generator) -> ManoeuvringSumm
             interval = f"{median:.2f} L ({lower:.2f} to {upper:.2f}) to {manoeuvre.side}"
             diameters += [interval] if np.isfinite(median) else []
     turns = [f"Tactical diameter of the turning circle of 35 deg: {', '.join(diameters)}."] if diameters else []
-    return ManoeuvringSummary(forecasts, (*turns, *_recommended_run(ship)))
+    return forecasts, (*turns, *_recommended_run(ship))
 
 
 def sentence_without_gain(plan: xr.Dataset) -> str:

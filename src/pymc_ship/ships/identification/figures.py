@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from pymc_ship.inference.trajectory.runs import Run
 from pymc_ship.inference.trajectory.windows import thin_record, window_misfit
 from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.tables import percent
@@ -24,18 +24,8 @@ BARS = 0.9  # probability of the intervals of the term sets
 _BOOTSTRAPS = 2000
 
 
-@dataclass(frozen=True)
-class HeldOutWindow:
-    """A window of a run: time [s] (n_blocks,), record and forecast (n_channels, n_blocks) by the other runs."""
-
-    channels: tuple[str, ...]
-    time: np.ndarray
-    record: np.ndarray
-    forecast: np.ndarray
-
-
-def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int) -> list[HeldOutWindow]:
-    """Windows of run ``k``, each restarted from its measured state and simulated by the fit without it.
+def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int) -> list[tuple[Run, np.ndarray]]:
+    """Windows of run ``k``, each with its forecast (n_channels, n_blocks) from the measured state by the other runs.
 
     The forecast is NaN after divergence.
     """
@@ -44,12 +34,10 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
     if len(trials) == 1:
         groups = zip(candidate.held_out.fits, folds([windows]), strict=True)
         fits = [fit for fit, group in groups for _ in group]
-    forecast_windows = []
-    for window, fit in zip(windows, fits, strict=True):
-        run = window.run
-        misfit = window_misfit(window, candidate.vessel, fit.coefficients)
-        forecast_windows.append(HeldOutWindow(run.channels, run.time, run.means, run.means - misfit))
-    return forecast_windows
+    return [
+        (window.run, window.run.means - window_misfit(window, candidate.vessel, fit.coefficients))
+        for window, fit in zip(windows, fits, strict=True)
+    ]
 
 
 def channel_panels(runs: Sequence[str], channels: Sequence[str]) -> tuple[Figure, np.ndarray]:
@@ -66,20 +54,20 @@ def channel_panels(runs: Sequence[str], channels: Sequence[str]) -> tuple[Figure
 
 
 @house_style
-def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
+def restarted_motion(runs: Mapping[str, Sequence[tuple[Run, np.ndarray]]]) -> Figure:
     """Measured motion of runs, and held-out forecasts of their windows; a dot marks each restart."""
-    channels = next(iter(runs.values()))[0].channels
+    channels = next(iter(runs.values()))[0][0].channels
     fig, axes = channel_panels(list(runs), channels)
     for column, windows in enumerate(runs.values()):
         for row, channel in enumerate(channels):
             ax, factor = axes[row, column], CHANNELS[channel].unit.display_factor
-            time = np.concatenate([window.time for window in windows])
-            record = np.concatenate([window.record[row] for window in windows])
+            time = np.concatenate([window.time for window, _ in windows])
+            record = np.concatenate([window.means[row] for window, _ in windows])
             ax.plot(time, factor * record, color=REFERENCE, lw=0.9, label="measured")
-            for k, window in enumerate(windows):
+            for k, (window, forecast) in enumerate(windows):
                 labels = ("forecast by the fit to the other runs", "restart") if k == 0 else (None, None)
-                ax.plot(window.time, factor * window.forecast[row], color=RUST, label=labels[0])
-                ax.plot(window.time[0], factor * window.forecast[row, 0], "o", ms=3, color=RUST, label=labels[1])
+                ax.plot(window.time, factor * forecast[row], color=RUST, label=labels[0])
+                ax.plot(window.time[0], factor * forecast[row, 0], "o", ms=3, color=RUST, label=labels[1])
     fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
 
