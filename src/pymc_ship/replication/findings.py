@@ -23,9 +23,9 @@ SOURCES = (
 _n = number(2)
 
 
-def _median(rows: list[dict], level: float | str, family: str, dof: str = "all") -> float:
-    """Median error of a row of an error table; NaN where there is no such row."""
-    medians = (r["median"] for r in rows if r["level"] == level and r["family"] == family and r["dof"] == dof)
+def _median(rows: list[dict], level: float | str, family: str) -> float:
+    """Median error over all DOFs in an error table; NaN where there is no such row."""
+    medians = (r["median"] for r in rows if r["level"] == level and r["family"] == family and r["dof"] == "all")
     return next(medians, float("nan"))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior, check_data, check_prior
-from pymc_ship.inference.regression.tree import group_of
+from pymc_ship.inference.regression.tree import posterior_group
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import check_kind, finite_number, name_list
 from pymc_ship.machine.errors import InferenceError
@@ -135,7 +135,7 @@ def restore_fixed(
         For values that are not finite or not those of the fit, coefficients that the posterior has already, or an
         incomplete order.
     """
-    posterior = group_of(tree)
+    posterior = posterior_group(tree)
     check_kind("The fixed values", values, Mapping, _BY_NAME, InferenceError)
     free = [str(name) for name in posterior["coefficient"].values]
     fixed = {name: _number(name, value) for name, value in values.items()}

@@ -123,12 +123,12 @@ def exact_posterior(
     return draws_tree(data, prior, coefficients, noise_variance, method=prior.family, rng_state=state)
 
 
-def group_of(tree: xr.DataTree, name: str = "posterior") -> xr.Dataset:
-    """Group of a posterior; InferenceError for anything else than a DataTree that has it, such as the group alone."""
+def posterior_group(tree: xr.DataTree) -> xr.Dataset:
+    """Group posterior of a tree; InferenceError for anything else than a DataTree that has it, such as the group."""
     check_kind("A posterior", tree, xr.DataTree, "give the whole tree", InferenceError)
-    if name not in tree.children:
-        raise InferenceError(f"A posterior must have the group {name}, found none; give the whole tree.")
-    return tree[name].to_dataset()
+    if "posterior" not in tree.children:
+        raise InferenceError("A posterior must have the group posterior, found none; give the whole tree.")
+    return tree["posterior"].to_dataset()
 
 
 def _log_likelihood(data: RegressionData, coefficients: np.ndarray, noise_variance: np.ndarray) -> np.ndarray:

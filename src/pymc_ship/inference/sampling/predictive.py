@@ -10,7 +10,7 @@ import xarray as xr
 
 from pymc_ship.inference.regression.prior_table import hold_fixed
 from pymc_ship.inference.regression.priors import Prior, check_data, check_prior
-from pymc_ship.inference.regression.tree import group_of
+from pymc_ship.inference.regression.tree import posterior_group
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import new_design
 from pymc_ship.inference.sampling.error_laws import OWN, draw_errors, error_law, known_errors_of, log_likelihood_group
@@ -95,7 +95,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     1.00
     """
     rng = random_generator(rng)
-    posterior = group_of(tree).transpose("chain", "draw", ..., missing_dims="ignore")
+    posterior = posterior_group(tree).transpose("chain", "draw", ..., missing_dims="ignore")
     dims = posterior["coefficients"].dims if "coefficients" in posterior else ()
     if dims != ("chain", "draw", "coefficient") or "noise_variance" not in posterior:
         raise ShipError(
@@ -147,7 +147,7 @@ def with_predictive(
     check_prior(prior, data)
     data = _check_fitted(tree, data)
     _check_prior_of(tree, prior)
-    whole = group_of(tree)
+    whole = posterior_group(tree)
     posterior = whole.sel(coefficient=list(data.coefficients))
     errors = known_errors_of(tree)
     from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)
@@ -168,7 +168,7 @@ def with_predictive(
 def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:
     """Data without the fixed coefficients; ValueError unless a posterior is theirs: names, rows, scaling."""
     check_data(data)
-    names = [str(name) for name in group_of(tree)["coefficient"].to_numpy()]
+    names = [str(name) for name in posterior_group(tree)["coefficient"].to_numpy()]
     if list(data.coefficients) != names:
         raise ShipError(
             f"The data must be those of the posterior, of {', '.join(names)}, found {', '.join(data.coefficients)}; "

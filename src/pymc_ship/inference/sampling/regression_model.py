@@ -228,10 +228,11 @@ def sample_density(density: Density, settings: dict, seed: int, progress: bool) 
     functions = (lambda: density.log_density), (lambda *_: density.parameters)
     model = from_pyfunc(density.start.size, *functions, kinds, shapes, list(kept), make_initial_point_fn=start)
     # a density in Python is evaluated by one thread at a time: several chains would only wait for each other
-    return _sample_with_nutpie(model, settings | {"cores": settings.get("cores") or 1}, seed, progress)
+    return sample_with_nutpie(model, settings | {"cores": settings.get("cores") or 1}, seed, progress)
 
 
-def _sample_with_nutpie(model: Any, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+def sample_with_nutpie(model: Any, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+    """Groups posterior and sample_stats of a model that nutpie compiled; settings as :func:`sample_model`."""
     import nutpie
 
     check_flags(progress=progress)
@@ -258,7 +259,7 @@ def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sam
 
         # data as constants compile in two thirds of the time
         compiled = nutpie.compile_pymc_model(freeze_dims_and_data(model))
-        return _sample_with_nutpie(compiled, settings, seed, progress)
+        return sample_with_nutpie(compiled, settings, seed, progress)
     check_flags(progress=progress)
     settings = settings | {"cores": settings.get("cores") or 1}
     shown = {"progressbar": progress, "quiet": not progress, "compute_convergence_checks": False}

@@ -8,7 +8,6 @@ from typing import Any
 
 import arviz as az
 import numpy as np
-import nutpie
 import pymc as pm
 import pytensor.tensor as pt
 import xarray as xr
@@ -17,7 +16,7 @@ from pytensor.tensor.variable import TensorVariable
 
 from pymc_ship.inference.regression.tree import rng_state
 from pymc_ship.inference.sampling.operations import SimulatedMotion
-from pymc_ship.inference.sampling.regression_model import check_settings, nuts_sample_stats
+from pymc_ship.inference.sampling.regression_model import check_settings, sample_with_nutpie
 from pymc_ship.inference.trajectory.fit import Problem
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.posterior import log_likelihood_rows, log_prior_density, trajectory_tree
@@ -198,11 +197,9 @@ def mode_nuts_posterior(
 ) -> xr.DataTree:
     """Draws of NUTS around a mode; see :func:`trajectory_nuts_posterior`."""
     fit, state, seed = mode.choice.fit, rng_state(rng), int(rng.integers(2**31))
-    sampled = nutpie.sample(
-        _nutpie_density(mode), draws=draws, chains=chains, tune=tune, seed=seed, progress_bar=False, save_warmup=False
-    )
-    coordinates = sampled["posterior"]["direction_coordinate"]
-    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, tune, "nutpie")
+    settings = {"draws": draws, "chains": chains, "tune": tune}
+    sampled = sample_with_nutpie(_nutpie_density(mode), settings, seed, progress=False)
+    coordinates, statistics = sampled["posterior"]["direction_coordinate"], sampled["sample_stats"].to_dataset()
     diverging = statistics["diverging"]
     verdict = f"{int(diverging.sum())} of {diverging.size} transitions of NUTS diverged"
     if chains > 1:
