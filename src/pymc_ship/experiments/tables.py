@@ -103,16 +103,13 @@ def session_rows(costs: Costs) -> list[dict]:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Files of parts, and bytes on disk and ``sent`` for each task and result; ``build`` [s] of the tables.
+    """Sizes of the results and messages of a study."""
 
-    ``memory`` is the largest resident memory of the parent [bytes]; None on Windows.
-    """
-
-    files: int
-    disk: int
-    sent: int
-    memory: int | None
-    build: float
+    files: int  # of parts
+    disk: int  # of these files [bytes]
+    sent: int  # for each task and its result [bytes]
+    memory: int | None  # largest resident memory of the parent [bytes]; None on Windows
+    build: float  # time of the tables [s]
 
 
 def plan_rows(costs: Costs, sizes: Sizes) -> list[dict]:

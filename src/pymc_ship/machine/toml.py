@@ -18,15 +18,12 @@ _LONGEST_KEY = 60
 
 @dataclass(frozen=True)
 class Entry:
-    """A value of a TOML file, with the name of the file, the error class and the dotted key (empty for the whole file).
-
-    Every check raises the error in one sentence.
-    """
+    """A value of a TOML file; every check raises its error in one sentence."""
 
     value: Any
-    file: str
+    file: str  # its name
     error: type[ValueError]
-    key: str = ""
+    key: str = ""  # dotted; empty for the whole file
 
     def at(self, key: str, default: Any = None) -> Entry:
         """Entry of a key of this table, or of the default if the key is missing."""

@@ -77,18 +77,14 @@ class SemiConjugatePrior(Prior):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NormalMixture(RotatedPosterior):
-    """Exact posterior under a semi-conjugate prior: coefficients = center + g basis on the original scale.
+    """Exact posterior under a semi-conjugate prior: coefficients = center + g basis on the original scale."""
 
-    ``singular_values``, ``projections``, ``residual_square`` are s, z and |e|^2 in units of the response; ``weights``
-    are those of the equidistant nodes ``log_noise_variance``, shape (n_nodes,), and add up to 1.
-    """
-
-    singular_values: np.ndarray
-    projections: np.ndarray
-    residual_square: float
+    singular_values: np.ndarray  # s, in units of the response as z and |e|^2
+    projections: np.ndarray  # z
+    residual_square: float  # |e|^2
     n_rows: int
-    log_noise_variance: np.ndarray
-    weights: np.ndarray
+    log_noise_variance: np.ndarray  # (n_nodes,); equidistant nodes
+    weights: np.ndarray  # (n_nodes,); of the nodes, with the sum 1
 
     @cached_property
     def noise_variances(self) -> np.ndarray:

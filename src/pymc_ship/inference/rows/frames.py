@@ -142,21 +142,16 @@ def by_label(rows: Any, names: Sequence[str], what: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Formula:
-    """Formula of a regression, with the names of its terms and variables.
-
-    ``terms`` (formulae.matrices.CommonEffectsMatrix) keep the state of transformations such as ``scale(v)``, ``scope``
-    the user's variables and functions. ``sample`` is a table of some fitted rows, with their terms; ``floats`` are
-    types by name of integer variables, and ``pools_response`` is whether the response of a row depends on other rows.
-    """
+    """Formula of a regression, with the names of its terms and variables."""
 
     text: str
     names: tuple[str, ...]
     variables: tuple[str, ...]
-    terms: Any
-    scope: _Scope
-    sample: tuple[Any, np.ndarray]
-    floats: Mapping[str, str] = field(default_factory=dict)
-    pools_response: bool = False
+    terms: Any  # CommonEffectsMatrix of formulae, with the state of transformations such as ``scale(v)``
+    scope: _Scope  # the user's variables and functions
+    sample: tuple[Any, np.ndarray]  # table of some fitted rows, with their terms
+    floats: Mapping[str, str] = field(default_factory=dict)  # types by name of integer variables
+    pools_response: bool = False  # whether the response of a row depends on other rows
 
     def columns(self, frame: Any, coefficients: Sequence[str]) -> np.ndarray:
         """Terms of the given names for a table of the variables, shape (n_new, n_names)."""

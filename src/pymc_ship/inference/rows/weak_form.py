@@ -37,14 +37,11 @@ _NOISE_RATIO = 0.01  # noise variance over mean square response if no rows are l
 
 @dataclass(frozen=True)
 class WeakForm:
-    """Rows of the weak form by DOF: means under each test function, at the centres ``time`` [s], shape (n_rows,).
+    """Rows of the weak form by DOF: means under each test function."""
 
-    Design matrices are of the terms times (U/U_nom)^2, responses of the prime force at the nominal speed.
-    """
-
-    time: np.ndarray
-    design_matrices: dict[str, np.ndarray]
-    responses: dict[str, np.ndarray]
+    time: np.ndarray  # (n_rows,) [s]; centres of the test functions
+    design_matrices: dict[str, np.ndarray]  # of the terms times (U/U_nom)^2
+    responses: dict[str, np.ndarray]  # of the prime force at the nominal speed
 
 
 def radius_samples(trial: xr.Dataset, vessel: Vessel) -> int:

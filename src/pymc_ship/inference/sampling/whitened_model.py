@@ -19,34 +19,23 @@ from pymc_ship.inference.rows.data import RegressionData
 
 
 class Density(NamedTuple):
-    """A log density for NUTS that needs no compilation.
+    """A log density for NUTS that needs no compilation."""
 
-    Attributes
-    ----------
-    start : ndarray, shape (n_coordinates,); chains start within 1 of it
-    log_density : callable; coordinates -> log density and its gradient
-    parameters : callable; coordinates -> values to keep, by name
-    """
-
-    start: np.ndarray
-    log_density: Callable[[np.ndarray], tuple[float, np.ndarray]]
-    parameters: Callable[[np.ndarray], dict[str, np.ndarray]]
+    start: np.ndarray  # (n_coordinates,); chains start within 1 of it
+    log_density: Callable[[np.ndarray], tuple[float, np.ndarray]]  # coordinates -> log density and its gradient
+    parameters: Callable[[np.ndarray], dict[str, np.ndarray]]  # coordinates -> values to keep, by name
 
 
 class Regression(NamedTuple):
-    """Prior and rows in the coordinates of NUTS.
+    """Prior and rows in the coordinates of NUTS."""
 
-    ``level`` and ``width`` standardise log sigma2; ``power`` of sigma2 in the prior variance of g; ``excess`` is half
-    of the rows less the terms, ``rate`` that of the posterior of sigma2. Directions that no row sees have 0 and 0.
-    """
-
-    level: float
+    level: float  # with the width, standardises log sigma2
     width: float
     shape: float
-    power: float
-    excess: float
-    rate: float
-    singular_values: np.ndarray
+    power: float  # of sigma2 in the prior variance of g
+    excess: float  # half of the rows less the terms
+    rate: float  # of the posterior of sigma2
+    singular_values: np.ndarray  # 0 for directions that no row sees, and so the projection
     projection: np.ndarray
 
 

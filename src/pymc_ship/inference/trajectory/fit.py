@@ -27,14 +27,11 @@ _LEAST_SINGULAR_VALUE = 1e-12
 
 
 class RunRows(NamedTuple):
-    """Indices of the unknowns of a run, coefficients first, its whitened misfit, and its whitened design.
+    """Rows of the likelihood of a run."""
 
-    Shapes (n_local,), (n_channels, n_blocks) and (n_channels, n_blocks, n_local); the design is of physical units.
-    """
-
-    indices: np.ndarray
-    misfit: np.ndarray
-    design: np.ndarray
+    indices: np.ndarray  # (n_local,); of its unknowns, coefficients first
+    misfit: np.ndarray  # (n_channels, n_blocks); whitened
+    design: np.ndarray  # (n_channels, n_blocks, n_local); whitened, of physical units
 
     @property
     def gradient(self) -> np.ndarray:

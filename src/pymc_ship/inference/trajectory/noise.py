@@ -45,17 +45,14 @@ class ResidualTests:
 
 @dataclass(frozen=True)
 class NoiseChoice:
-    """Fit under noise of a kind, with the tests under white noise and the reason as a sentence.
-
-    ``offsets``: whether each sensor of each run has a constant offset; ``degrees_of_freedom``: of Student's t, or inf.
-    """
+    """Fit under noise of a kind."""
 
     fit: TrajectoryFit
     kind: str
-    offsets: bool
-    degrees_of_freedom: float
-    tests: ResidualTests
-    sentence: str
+    offsets: bool  # whether each sensor of each run has a constant offset
+    degrees_of_freedom: float  # of Student's t, or inf
+    tests: ResidualTests  # under white noise
+    sentence: str  # reason of the choice
 
 
 def fit_with_noise(

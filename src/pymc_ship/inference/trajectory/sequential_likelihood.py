@@ -19,14 +19,11 @@ _RELATIVE_RANK = 1e-9  # eigenvalues below this fraction of the largest count as
 
 @dataclass(frozen=True)
 class EarlierLikelihood:
-    """Likelihood of the coefficients ``names`` by earlier runs, and the prior of that fit.
+    """Likelihood of coefficients by earlier runs, and the prior of that fit."""
 
-    ``log_density``: log predictive density of each run, held out.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the coefficients
     gaussian: GaussianLikelihood
-    log_density: np.ndarray
+    log_density: np.ndarray  # (n_runs,); log predictive density of each run, held out
     prior_mean: np.ndarray
     prior_scale: np.ndarray
 

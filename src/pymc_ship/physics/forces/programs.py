@@ -26,25 +26,19 @@ def segment_kind(operation: int) -> int:
 
 
 class Program(NamedTuple):
-    """Operations on the rows of a workspace (n_rows, n_lanes): inputs, parameters, constants, results of operations.
+    """Operations on the rows of a workspace (n_rows, n_lanes): inputs, parameters, constants, results of operations."""
 
-    ``operation``, ``left``, ``right``, ``added`` (n_operations,): a + b is a * 1 + b, a - b is b * -1 + a, a product
-    adds 0. The first ``n_static`` operations depend on parameters and constants only. ``results`` (n_results,) are the
-    output rows, ``needed`` (n_results, n_operations) the operations that each depends on. ``segments`` (n_segments, 3)
-    are kind, begin and end of consecutive operations of one :func:`segment_kind`.
-    """
-
-    operation: np.ndarray
+    operation: np.ndarray  # (n_operations,), as left, right and added: left * right + added for sums and products
     left: np.ndarray
     right: np.ndarray
     added: np.ndarray
     constants: np.ndarray
-    results: np.ndarray
-    needed: np.ndarray
+    results: np.ndarray  # (n_results,); rows of the output
+    needed: np.ndarray  # (n_results, n_operations); operations that each result depends on
     n_inputs: int
     n_parameters: int
-    n_static: int
-    segments: np.ndarray
+    n_static: int  # first operations, which depend on parameters and constants only
+    segments: np.ndarray  # (n_segments, 3); kind, begin and end of consecutive operations of a :func:`segment_kind`
 
     @property
     def n_rows(self) -> int:

@@ -86,15 +86,12 @@ def needs_propeller(term: str) -> bool:
 
 @dataclass(frozen=True)
 class TermPlan:
-    """Plan of a set of terms: workspace row ``N_BASE + k`` is row ``left[k]`` times row ``right[k]``, (n_products,).
-
-    ``rows`` (n_terms,) are the workspace rows of the terms.
-    """
+    """Plan of a set of terms: workspace row ``N_BASE + k`` is row ``left[k]`` times row ``right[k]``, (n_products,)."""
 
     terms: tuple[str, ...]
     left: np.ndarray
     right: np.ndarray
-    rows: np.ndarray
+    rows: np.ndarray  # (n_terms,); workspace rows of the terms
 
     @property
     def n_rows(self) -> int:

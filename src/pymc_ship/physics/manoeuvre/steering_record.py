@@ -39,14 +39,11 @@ class Reversal:
 
 @dataclass(frozen=True)
 class SteeringRecord:
-    """Steering in a trial with u, r, psi and delta, from which a kind of manoeuvre is recognised.
-
-    ``reversals`` of a zigzag, else empty; ``delay`` [s] of the steering gear, NaN without a reversal in any run.
-    """
+    """Steering in a trial with u, r, psi and delta, from which a kind of manoeuvre is recognised."""
 
     trial: xr.Dataset
-    reversals: Sequence[Reversal]
-    delay: float
+    reversals: Sequence[Reversal]  # of a zigzag, else empty
+    delay: float  # of the steering gear [s], NaN without a reversal in any run
 
     @cached_property
     def heading_change_deg(self) -> float:

@@ -46,21 +46,16 @@ HULL = np.dtype((np.record, [(name, float) for name in _CONSTANTS]))
 
 
 class Scheme(NamedTuple):
-    """Constants of a vessel for :func:`state_derivative`, without the coefficients.
+    """Constants of a vessel for :func:`state_derivative`, without the coefficients."""
 
-    ``hull`` is a record of :data:`HULL`; ``left``, ``right`` (n_products,) are the plan of the terms, ``rows``, ``dof``
-    (n_coefficients,) the workspace row and the DOF of each coefficient; ``J_inverse`` (4, 4) is the inverse inertia
-    matrix; ``program`` gives the accelerations by parts.
-    """
-
-    hull: np.record
-    left: np.ndarray
+    hull: np.record  # of :data:`HULL`
+    left: np.ndarray  # (n_products,); plan of the terms, with ``right``
     right: np.ndarray
-    rows: np.ndarray
-    dof: np.ndarray
+    rows: np.ndarray  # (n_coefficients,); workspace row of each coefficient
+    dof: np.ndarray  # (n_coefficients,); its degree of freedom
     n_rows: int
-    J_inverse: np.ndarray
-    program: Program
+    J_inverse: np.ndarray  # (4, 4); inverse inertia matrix
+    program: Program  # of the accelerations by parts
     n_part_rows: int
 
 

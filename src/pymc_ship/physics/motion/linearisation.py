@@ -36,20 +36,15 @@ class Change(NamedTuple):
 
 
 class Instants(NamedTuple):
-    """Evaluations of the equations of motion in the order of the integration, and the linearisation at each of them.
-
-    ``f_x`` (n_states, n_states, n_instants) are the derivatives by the states, ``features`` (n_instants, n_columns) the
-    products U^2 term, ``gain`` (4, n_columns) the accelerations by a feature of 1, ``by_parts`` (4, n_instants,
-    n_columns) the derivatives by the parameters of parts.
-    """
+    """Evaluations of the equations of motion in the order of the integration, and the linearisation at each of them."""
 
     state: np.ndarray
     inputs: np.ndarray
     rate: np.ndarray
-    f_x: np.ndarray
-    features: np.ndarray
-    gain: np.ndarray
-    by_parts: np.ndarray
+    f_x: np.ndarray  # (n_states, n_states, n_instants); derivatives by the states
+    features: np.ndarray  # (n_instants, n_columns); products U^2 term
+    gain: np.ndarray  # (4, n_columns); accelerations by a feature of 1
+    by_parts: np.ndarray  # (4, n_instants, n_columns); derivatives by the parameters of parts
 
 
 @njit(**PART)

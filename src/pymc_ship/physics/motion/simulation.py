@@ -40,36 +40,27 @@ _MOST_STEPS = 10**8  # of a simulation
 
 
 class Steering(NamedTuple):
-    """Steering of a simulation: the ``command`` (n_steps,) [rad] and the largest movement in a step, ``travel`` [rad].
+    """Steering of a simulation; a change of heading by ``heading`` multiplies the command by ``factor``."""
 
-    ``delay`` steps after a change of heading from the ``course`` by ``heading`` [rad], the command is multiplied by
-    ``factor``: within a step if ``within`` is 1, else at the begin of the next. A ``step`` has a duration [s].
-    """
-
-    command: np.ndarray
-    travel: float
-    course: float
-    heading: float
+    command: np.ndarray  # (n_steps,) [rad]
+    travel: float  # largest movement in a step [rad]
+    course: float  # from which the heading counts [rad]
+    heading: float  # [rad]
     factor: float
-    delay: float
-    within: float
-    step: float
+    delay: float  # steps from the change of heading to the new command
+    within: float  # 1 if that may be within a step, else it is at the begin of the next
+    step: float  # duration of a step [s]
 
 
 class Rudder(NamedTuple):
-    """State of the rudders, (n_lanes,): angles [rad] at begin and end of a step, factor on the command.
+    """State of the rudders, (n_lanes,)."""
 
-    ``bend`` [rad] is how far the angle amid a step lies beside the chord, so that Simpson's rule has its impulse
-    (docs/reference/equations.md, rk4).
-    ``waiting`` are the steps until the next switch, ``psi`` [rad] is the heading one step earlier.
-    """
-
-    delta: np.ndarray
-    following: np.ndarray
-    bend: np.ndarray
-    factor: np.ndarray
-    waiting: np.ndarray
-    psi: np.ndarray
+    delta: np.ndarray  # angles at the begin of a step [rad]
+    following: np.ndarray  # angles at its end [rad]
+    bend: np.ndarray  # angle amid a step beside the chord [rad]: Simpson's rule has its impulse (equations.md, rk4)
+    factor: np.ndarray  # on the command
+    waiting: np.ndarray  # steps until the next switch
+    psi: np.ndarray  # heading one step earlier [rad]
 
 
 @njit(**PART)

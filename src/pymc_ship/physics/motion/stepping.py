@@ -33,14 +33,11 @@ _STAGES = {"euler": np.array([[0.0, 1.0]]), "rk4": _RK4}
 
 
 class Integration(NamedTuple):
-    """How a motion is integrated: ``step`` [s], ``substeps`` from one sample to the next, stages of the method.
+    """How a motion is integrated."""
 
-    ``stages`` (n_stages, 2) are the fraction of the step and the weight of each stage.
-    """
-
-    stages: np.ndarray
-    step: float
-    substeps: int
+    stages: np.ndarray  # (n_stages, 2); fraction of the step and weight of each stage of the method
+    step: float  # [s]
+    substeps: int  # from one sample to the next
 
 
 class Record(NamedTuple):
@@ -52,27 +49,20 @@ class Record(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """Inputs (4, n_lanes) at begin and end of a step, between which they are linear.
-
-    ``bend`` (n_lanes,) [rad] is how far the rudder angle amid the step lies beside that line.
-    """
+    """Inputs (4, n_lanes) at begin and end of a step, between which they are linear."""
 
     before: np.ndarray
     after: np.ndarray
-    bend: np.ndarray
+    bend: np.ndarray  # (n_lanes,); how far the rudder angle amid the step lies beside that line [rad]
 
 
 class Lanes(NamedTuple):
-    """States (8, n_lanes) and workspace of the draws in one kernel call.
+    """States and workspace of the draws in one kernel call."""
 
-    The equations of motion give ``rate`` (8, n_lanes) at ``inner`` (n_stages, 8, n_lanes) and ``inputs`` (n_stages, 4,
-    n_lanes).
-    """
-
-    state: np.ndarray
-    inner: np.ndarray
-    inputs: np.ndarray
-    rate: np.ndarray
+    state: np.ndarray  # (8, n_lanes)
+    inner: np.ndarray  # (n_stages, 8, n_lanes); states of the stages
+    inputs: np.ndarray  # (n_stages, 4, n_lanes)
+    rate: np.ndarray  # (8, n_lanes); by the equations of motion at a stage
     work: Work
 
 

@@ -25,18 +25,11 @@ _DRIFT, _TURNING = (-0.25, -0.1, 0.0, 0.1, 0.25), (-0.6, -0.3, 0.0, 0.3, 0.6)  #
 
 @dataclass(frozen=True, eq=False)
 class ParticularsPrior:
-    """What the particulars of a vessel say of its coefficients, prime values in the vessel's order.
+    """Prior of the coefficients by the particulars of a vessel, prime values in its order, (n_terms,)."""
 
-    Attributes
-    ----------
-    mean : ndarray, shape (n_terms,); of terms in v and r of the symmetric hull, 0 of all others
-    scale : ndarray, shape (n_terms,); sd of those terms, or the force of the hull over the term in a hard turn
-    of_hull : ndarray of bool, shape (n_terms,); whether the hull database gives the mean
-    """
-
-    mean: np.ndarray
-    scale: np.ndarray
-    of_hull: np.ndarray
+    mean: np.ndarray  # of terms in v and r of the symmetric hull, 0 of all others
+    scale: np.ndarray  # sd of those terms, or the force of the hull over the term in a hard turn
+    of_hull: np.ndarray  # whether the hull database gives the mean
 
 
 def particulars_prior(vessel: Vessel) -> ParticularsPrior:

@@ -26,17 +26,14 @@ Range = tuple[float, float]
 
 
 class Rule(NamedTuple):
-    """Ranges of a number ``what``: ``number(ship)``, None if undefined, or the value of the key itself.
+    """Ranges of a number of a vessel."""
 
-    ``hint`` is a likely explanation of a wrong value.
-    """
-
-    key: str
-    what: str
-    number: Callable[..., float | None] | None
+    key: str  # of the number in the vessel file
+    what: str  # the number that has the ranges
+    number: Callable[..., float | None] | None  # of the ship, None if undefined; None: the value of the key
     possible: Range
     usual: Range
-    hint: str
+    hint: str  # likely explanation of a wrong value
 
 
 def _over(a: float, b: float) -> float:

@@ -63,25 +63,19 @@ _MIN_FEASIBLE = 0.1  # least feasible fraction of them
 
 @dataclass(frozen=True)
 class Candidate:
-    """One term set of the ensemble.
-
-    ``fit`` (to all runs) and the fits in ``held_out`` have their sds multiplied by ``inflation``, as those in
-    ``milder``, to the milder runs for each of the harder ones; ``draws`` (n_draws, n_coefficients) are feasible;
-    ``discrepancy_scales`` [prior sd] are those of the commensurate prior on earlier runs, see
-    :func:`pymc_ship.inference.trajectory.sequential_likelihood.commensurate_likelihood`.
-    """
+    """One term set of the ensemble."""
 
     name: str
-    fit: WindowFit
+    fit: WindowFit  # to all runs; its sds and those of the fits below are multiplied by ``inflation``
     prior: CoefficientPrior
     held_out: CrossValidation
     inflation: float
-    draws: np.ndarray
+    draws: np.ndarray  # (n_draws, n_coefficients); feasible
     weight: float = 0.0
     infeasible_fraction: float = 0.0
-    milder: CrossValidation | None = None
+    milder: CrossValidation | None = None  # to the milder runs, for each of the harder ones
     captive: CaptiveFit | None = None
-    discrepancy_scales: tuple[float, ...] = ()
+    discrepancy_scales: tuple[float, ...] = ()  # [prior sd]; of the commensurate prior on earlier runs
 
     def __repr__(self) -> str:
         return f"Candidate({self.name!r}, weight {self.weight:.3g}, {len(self.draws)} draws)"
@@ -119,11 +113,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Training:
-    """Thinned trials with manoeuvres, facilities, and likelihoods of ``earlier`` runs by term set.
-
-    ``elsewhere``: the earlier runs were at other facilities; ``reloaded``: at another draught. ``harder``: numbers of
-    the runs that the others forecast.
-    """
+    """Thinned trials with manoeuvres, facilities and the likelihoods of earlier runs."""
 
     trials: list[xr.Dataset]
     manoeuvres: list[Manoeuvre | None]
@@ -131,10 +121,10 @@ class Training:
     vessel: Vessel
     prior: str
     captive: xr.Dataset | None = None
-    earlier: Mapping[str, EarlierLikelihood] = field(default_factory=dict)
-    harder: tuple[int, ...] = ()
-    elsewhere: bool = False
-    reloaded: bool = False
+    earlier: Mapping[str, EarlierLikelihood] = field(default_factory=dict)  # by term set
+    harder: tuple[int, ...] = ()  # numbers of the runs that the others forecast
+    elsewhere: bool = False  # whether the earlier runs were at other facilities
+    reloaded: bool = False  # whether they were at another draught
 
 
 def earlier_runs_remark(best: Candidate, training: Training) -> str:
