@@ -14,10 +14,7 @@ INSTRUMENTS = ("gnss", "mems_gyro", "mru", "fluxgate_compass")
 
 
 def expand_patterns(words: Iterable[str]) -> list[str]:
-    """Arguments with each pattern such as ``trials/*.csv`` replaced by its files, sorted, as Unix shells do.
-
-    ValueError for a pattern without files.
-    """
+    """Arguments with each pattern such as ``trials/*.csv`` as its sorted files; ValueError if it has none."""
     arguments = []
     for word in words:
         pattern = not word.startswith("-") and ("*" in word or "?" in word) and not Path(word).exists()

@@ -87,7 +87,6 @@ def lacking_text(trial: xr.Dataset, vessel: Vessel | None) -> str:
 
 
 def _manoeuvre(trial: xr.Dataset, vessel: Vessel | None) -> tuple[str, list[tuple[Any, ...]]]:
-    """Sentences on the manoeuvre of a trial, and rows of its indices."""
     roll = "" if vessel is None else unmodelled_roll_text(nonzero_channels(trial), vessel.dofs)
     if not set(STEERED) <= set(trial):
         return roll, []

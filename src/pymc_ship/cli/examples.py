@@ -92,4 +92,3 @@ Python: `ps.score`.
 Python: `ps.trial_report`.
 """,
 }
-"""Examples and remarks by command."""

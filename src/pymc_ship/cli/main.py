@@ -41,20 +41,10 @@ _LIBRARY_ERRORS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command.
+    """Run a command with arguments, by default those of the process, and return its exit status.
 
-    SystemExit with status 2 for arguments that cannot be parsed, 0 after ``--help`` and ``--version``.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status: 0, 2 if the command cannot run, 3 if a check fails, 4 if ``check`` corrects or doubts the record,
-        130 after an interrupt.
+    Status 0, 2 if the command cannot run, 3 if a check fails, 4 if ``check`` corrects or doubts the record, 130 after
+    an interrupt. SystemExit with status 2 for arguments that cannot be parsed, 0 after ``--help`` and ``--version``.
     """
     return run_command(parser(), _command, argv)
 
@@ -174,10 +164,7 @@ def _plain_warnings() -> Iterator[None]:
 
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Callable[..., None]]:
-    """Function that prints progress: a spinner on a terminal, otherwise one line for each step.
-
-    A text with ``remark=True`` stays on a terminal, too.
-    """
+    """Function that prints progress, one line a step; on a terminal a spinner, where ``remark=True`` stays."""
     if quiet:
         yield lambda text, remark=False: None
         return

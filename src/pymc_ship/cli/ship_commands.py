@@ -202,7 +202,6 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _surroundings(args: argparse.Namespace) -> dict[str, Any]:
-    """Revolutions, wind and current that a command states."""
     return {"n": args.n, "wind": args.wind, "current": args.current}
 
 

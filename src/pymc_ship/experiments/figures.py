@@ -25,10 +25,7 @@ _LABELS = {
 
 @house_style
 def scores(rows: Sequence[Mapping]) -> Figure:
-    """Scores of :func:`pymc_ship.experiments.tables.cell_row` for one ship, manoeuvre and kind of noise.
-
-    Error bars are two standard errors.
-    """
+    """Scores of :func:`.cell_row` for one ship, manoeuvre and kind of noise, with bars of two standard errors."""
     fig, axes = subplots(9.0, 3.6, 1, len(_LABELS))
     for ax, (name, label) in zip(axes[0], _LABELS.items(), strict=True):
         _lines(ax, rows, name)

@@ -50,10 +50,7 @@ _SUMMARY |= {"executor": "first", "workers": "max", "wall": "max", "parent": "la
 
 
 class Costs:
-    """Costs of the tasks of a study, added part by part.
-
-    ``timed`` are the parts of a task with recorded seconds, ``parts`` the sums by group and session of each part added.
-    """
+    """Costs of the tasks of a study, added part by part: sums by group and session, ``timed`` parts of a task."""
 
     def __init__(self, timed: tuple[str, ...]):
         self.timed = timed

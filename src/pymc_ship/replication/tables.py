@@ -52,7 +52,6 @@ _COLUMNS: dict[str, Columns] = {
     | (_MEDIAN | ERROR_COUNTS | _COVERAGE),
     "agreement": heads(str, family="family", dof="DOF") | AGREEMENT,
 }
-"""Columns of the tables of the page, by name."""
 
 
 def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:

@@ -87,27 +87,11 @@ def tune_prior(
 
     A Latin hypercube of 12 points (at most a third of the evaluations), then expected improvement under a Gaussian
     process over log hyperparameters. The loss is asinh(10 (r - score)), r the score of the prior of maximum evidence.
-    InferenceError for an unknown family, impossible folds, fewer than 6 evaluations, or a box as
+    ``family`` is a registered one; ``folds`` and ``split`` as :func:`.cross_validation`; ``box`` has bounds of
+    ``shape``, ``noise_variance`` (scale / shape) and ``kappa``, by default those of the family. BoundWarning for a
+    prior at a bound, InferenceError for an unknown family, impossible folds, fewer than 6 evaluations, or a box as
     :func:`maximise_evidence`. Xue et al. (2020), Algorithm 2; Jones, Schonlau & Welch (1998),
     doi:10.1023/A:1008306431147.
-
-    Parameters
-    ----------
-    data : RegressionData
-    family : str, optional
-        ``"conjugate"``, ``"semiconjugate"`` or a registered family.
-    evaluations : int, optional
-        Points evaluated, at least 6.
-    folds, split : optional
-        As :func:`~pymc_ship.inference.regression.cross_validation.cross_validation`.
-    box : dict of str to (float, float), optional
-        Bounds of ``shape``, ``noise_variance`` (scale / shape) and ``kappa``; the ``box`` of the family by default.
-    rng : int, SeedSequence or Generator
-
-    Warns
-    -----
-    BoundWarning
-        If the prior lies at a bound of the box.
     """
     rng = random_generator(rng)
     prior_type = prior_family(family)

@@ -246,10 +246,7 @@ def _groups(sampled: xr.DataTree, settings: dict, sampler: str) -> xr.DataTree:
 
 
 def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sampler: str | None = None) -> xr.DataTree:
-    """Groups posterior and sample_stats of a PyMC model by NUTS.
-
-    ``settings``: draws, chains, tune, target_accept, optional cores.
-    """
+    """Posterior and sample_stats of a PyMC model by NUTS; ``settings``: draws, chains, tune, target_accept, cores."""
     import pymc as pm
 
     sampler = _installed_sampler(sampler)

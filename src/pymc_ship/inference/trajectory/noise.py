@@ -129,7 +129,6 @@ def residual_tests(fit: TrajectoryFit) -> ResidualTests:
 
 
 def _bonferroni(p: Sequence[float]) -> float:
-    """Bonferroni's p-value of several tests."""
     return float(min(1.0, len(p) * min(p)))
 
 
@@ -267,7 +266,6 @@ def _t_scale(values: np.ndarray, nu: float) -> float:
 
 
 def _sentence(kind: str, offsets: bool, nu: float, tests: ResidualTests, fit: TrajectoryFit) -> str:
-    """Chosen noise model and the tests that failed, as one sentence."""
     law = {
         "white": "white normal noise",
         "ar1": "noise with a first-order autocorrelation of each channel",

@@ -28,7 +28,6 @@ class EarlierLikelihood:
     prior_scale: np.ndarray
 
     def __repr__(self) -> str:
-        """Number of coefficients and of runs."""
         return f"EarlierLikelihood({len(self.names)} coefficients, {len(self.log_density)} runs)"
 
     def for_vessel(self, vessel: Vessel) -> GaussianLikelihood:

@@ -40,10 +40,7 @@ class UnknownTerm(ValueError):
 
 
 def factors(term: str) -> tuple[int, ...]:
-    """Workspace rows whose product is a term such as ``"v|v|"`` or ``"0u"``; empty for ``"0"``.
-
-    UnknownTerm for a name that cannot be read.
-    """
+    """Workspace rows whose product is a term such as ``v|v|``, none for ``0``; UnknownTerm for another name."""
     rows: list[int] = []
     position = 1 if term.startswith("0") else 0
     if not term:

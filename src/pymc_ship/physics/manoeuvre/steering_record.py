@@ -70,10 +70,7 @@ class SteeringRecord:
 
     @staticmethod
     def ordered_angle(angle: float, short: float = _ORDERED) -> int:
-        """Ordered rudder angle [deg]: a multiple of 5 within 1 deg, or of which it falls ``short`` by less.
-
-        Else the nearest whole number.
-        """
+        """Ordered rudder angle [deg]: the multiple of 5 within 1 deg or ``short`` of it, else the whole number."""
         five = 5 * round(angle / 5.0)
         return five if -short < angle - five < _ORDERED and five else round(angle)
 

@@ -275,7 +275,6 @@ def _simulate_in_steps(
 def _simulate_with_error_control(
     vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, time: np.ndarray, start: Start, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same with controlled error, one draw after the other."""
     if not 1e-13 <= number_or_nan(tolerance) < 1.0:
         raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {short_repr(tolerance)}; correct it.")
     runs = [course(vessel, manoeuvre, draw, time, start, tolerance) for draw in draws]
@@ -331,7 +330,6 @@ def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:
 
 
 def _surroundings(n: float | None, wind: Flow, current: Flow) -> dict[str, Any]:
-    """Revolutions, wind and current for the attrs of a record."""
     settings = {} if n is None else {"n": float(n)}
     for name, given in (("wind", wind), ("current", current)):
         settings |= {} if given is None else {f"{name}_speed": float(given[0]), f"{name}_direction": float(given[1])}

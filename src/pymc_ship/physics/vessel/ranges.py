@@ -37,7 +37,6 @@ class Rule(NamedTuple):
 
 
 def _over(a: float, b: float) -> float:
-    """Quotient a / b; infinite for b = 0."""
     return a / b if b else math.inf
 
 
@@ -191,13 +190,11 @@ INERTIA = (
     Rule("added_mass.Kpdot", "-Kpdot/I_xx", _roll_mass, (0.0, 8.0), (0.02, 1.5), _SIGN),
     *(_coupling(name, ("Yvdot", "Nrdot")) for name in ("Yrdot", "Nvdot")),
 )
-"""Rules of inertia, stability and added mass."""
 
 ROLL_COUPLINGS = (
     *(_coupling(name, ("Yvdot", "Kpdot")) for name in ("Ypdot", "Kvdot")),
     *(_coupling(name, ("Nrdot", "Kpdot")) for name in ("Npdot", "Krdot")),
 )
-"""Rules of the added masses of roll."""
 
 PROPELLER = (
     Rule("propeller.D", "D/L", lambda v: v.propeller.D / v.particulars.L, (3e-3, 0.3), (0.01, 0.12), _METRES),
@@ -211,7 +208,6 @@ PROPELLER = (
     Rule("propeller.eta", "", None, (1e-3, 1.0), (0.3, 1.0), "perhaps it is the height over the diameter"),
     Rule("propeller.kappa", "", None, (0.0, 3.0), (0.0, 1.2), "perhaps it is in %"),
 )
-"""Rules of a propeller."""
 
 
 def coefficient_rules(vessel: Vessel) -> Iterator[Rule]:

@@ -70,7 +70,6 @@ TERM_SETS = {
     "hull and loading, cubic": _with_loading((*_LINEAR, *_CUBES), "linear with and without loading, cubic without"),
     "hull beside loading": _with_loading((*_LINEAR, *_SQUARES), "linear with and without loading, quadratic without"),
 }
-"""Term sets by name."""
 
 _BODY = (ADDED_MASS.name, PROPELLER.name, RUDDER.name)
 
@@ -84,7 +83,6 @@ PART_SETS = {
     ANY_SPEED_SET: PartSet((*_BODY, LOW_SPEED.name), "cross-flow hull, wake and flow straightening differ by side"),
     ROLL_SET: PartSet((*_BODY, MANOEUVRING.name, ROLL.name), _ROLL_TEXT),
 }
-"""Sets of parts by name."""
 
 
 def valid_at_any_speed(vessel: Vessel) -> bool:

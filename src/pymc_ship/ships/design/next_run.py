@@ -74,8 +74,6 @@ class _Run(NamedTuple):
 
 
 class _Data(NamedTuple):
-    """Data of runs."""
-
     indices: np.ndarray  # (n_draws, k)
     noise_sd: np.ndarray  # (k,)
     motion: xr.DataArray  # prime, of all runs

@@ -108,10 +108,7 @@ def scaled_error(row: Mapping) -> tuple[float, float]:
 
 
 def measurement_sd(simulated_indices: xr.Dataset, rows: Sequence[Mapping], vessel: Vessel) -> dict[str, float]:
-    """Standard deviation of the simulated indices of a run by the noise of its readings; 0 without a row of the kind.
-
-    ``rows`` are those of :func:`.index_rows`.
-    """
+    """Sd of simulated indices by the noise of the readings in ``rows`` of :func:`.index_rows`; 0 without a row."""
     table = kind_named(simulated_indices.attrs["manoeuvre"]).indices
     heading_deg = simulated_indices.attrs.get("heading_deg", 0.0)
     noise = dict.fromkeys(map(str, simulated_indices), 0.0)

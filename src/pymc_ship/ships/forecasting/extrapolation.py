@@ -34,8 +34,6 @@ _VISIBLE = 0.005  # smallest departure that a sentence names, in ranges of the s
 
 
 class _Direction(NamedTuple):
-    """Unit vector among the symbols."""
-
     u: float
     v: float
     r: float

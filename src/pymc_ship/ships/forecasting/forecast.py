@@ -216,7 +216,6 @@ def _feasible(models: Models, manoeuvre: Manoeuvre, runs: list[xr.Dataset]) -> l
 
 
 def _steering_sentence(vessel: Vessel, facilities: Mapping[str, Steering], facility: str | None) -> str:
-    """Sentence on the steering gear of a forecast and its facility."""
     gear, where = vessel.particulars, facility or next(iter(facilities), "")
     named = f" as at {where}" if where and facilities[where].n_reversals else ""
     unidentified = f" (no run at {where} reverses the rudder)" if where and not named else ""
@@ -339,7 +338,6 @@ def draws_text(tree: xr.DataTree) -> str:
 
 
 def _with_noise(ships: xr.Dataset, noise: Mapping[str, float], rng: np.random.Generator) -> xr.Dataset:
-    """Motion plus independent normal sensor noise at every instant."""
 
     def noisy(channel: xr.DataArray) -> xr.DataArray:
         return channel + noise[str(channel.name)] * rng.standard_normal(channel.shape)

@@ -74,10 +74,7 @@ def restarted_motion(runs: Mapping[str, Sequence[tuple[Run, np.ndarray]]]) -> Fi
 
 @house_style
 def held_out_overshoots(table: xr.Dataset) -> Figure:
-    """Forecast against measured overshoots of held-out runs: angles, and times from reversal to peak.
-
-    Intervals are of 95 %.
-    """
+    """Forecast against measured overshoots of held-out runs, with 95 %: angles, and times to the peaks."""
     fig, axes = subplots(8.0, 4.3, 1, 2)
     rows = list(index_rows(table))
     panels = (("angle", "overshoot angle", "deg"), ("time", "time to overshoot", "s"))

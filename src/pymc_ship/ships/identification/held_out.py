@@ -73,10 +73,7 @@ def hold_out_harder(
     fit: Callable[[Sequence[Window]], WindowFit],
     each: CrossValidation,
 ) -> CrossValidation:
-    """Leave all harder runs out at once; ``each`` is the validation with one run left out.
-
-    Parameters and result as of :func:`cross_validate`, with the rows of the harder runs alone.
-    """
+    """As :func:`cross_validate`, all harder runs left out at once; ``each`` is with one run left out."""
     if len(harder) == 1:
         milder_fit = each.fits[harder[0]]
     else:

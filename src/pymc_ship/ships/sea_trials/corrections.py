@@ -194,7 +194,6 @@ def _by_current(
 
 
 def _deviations(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Values of each index about their mean."""
     return {name: column - column.mean() for name, column in values.items()}
 
 
