@@ -34,10 +34,7 @@ _LISTS = ("ships", "manoeuvres", "methods")
 
 
 def seed_parts(cells: Iterable, seeds: int) -> Iterator[tuple]:
-    """Seeds of every cell in parts of :data:`PART_SEEDS`, each with its file name without suffix.
-
-    A part is in a folder ``key=value`` for each field of its cell.
-    """
+    """Cells with their seeds in parts of :data:`PART_SEEDS`, and file names ``key=value/.../seeds-FIRST``."""
     for cell in cells:
         folder = "/".join(f"{key}={quote(str(value), safe='')}" for key, value in asdict(cell).items())
         for first in range(0, seeds, PART_SEEDS):

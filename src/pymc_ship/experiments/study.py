@@ -40,10 +40,7 @@ class Study(Protocol):
         """Sentences shown before the first task."""
 
     def parts(self) -> Iterator[tuple[Any, range, str]]:
-        """Seeds of every cell in parts, each with its file name without suffix.
-
-        A cell is a dataclass of texts and numbers, which are columns of the results.
-        """
+        """Seeds of every cell, a dataclass of texts and numbers, in parts, each with its file name without suffix."""
 
     def task(self, cell: Any, seed: int, block: str = "") -> Any:
         """Task of one seed of a cell."""

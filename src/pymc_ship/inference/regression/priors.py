@@ -398,14 +398,11 @@ def _numbers(name: str, value: object) -> float | np.ndarray:
 
 @dataclass(frozen=True)
 class Rotation:
-    """Sufficient statistics s, z, |e|^2 of the scaled response under a prior; original coefficients = center + g basis.
+    """Sufficient statistics of the scaled response under a prior; original coefficients = center + g basis."""
 
-    s and z are 0 for directions without information.
-    """
-
-    singular_values: np.ndarray
-    projection: np.ndarray
-    residual_square: float
+    singular_values: np.ndarray  # s; 0 for directions without information, and so z
+    projection: np.ndarray  # z
+    residual_square: float  # |e|^2
     center: np.ndarray
     basis: np.ndarray
 

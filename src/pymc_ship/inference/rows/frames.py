@@ -191,12 +191,9 @@ class Formula:
 
 
 class _Scope(dict):
-    """Variables and functions that a formula takes from where it is written, by name, as they are at the fit.
+    """Variables and functions that a formula takes from where it is written, by name, as they are at the fit."""
 
-    ``outer`` (formulae.environment.Environment) is where missing names are looked up.
-    """
-
-    outer: Any = None
+    outer: Any = None  # Environment of formulae, where missing names are looked up
 
     def __missing__(self, name: str) -> Any:
         if self.outer is None:

@@ -120,7 +120,6 @@ def weak_form_start(
 
     tau and the noise variance of each DOF maximise the evidence; parameters of parts stay at their means. ``mean`` and
     ``scale`` have shape (n_coefficients,), DOF after DOF; a scale of infinity is a flat prior, 0 fixes a coefficient.
-    TrialError, ValueError as :func:`weak_form`; for a mean or scale of another shape, not finite or negative.
     """
     vessel = as_vessel(vessel)
     n_terms = [len(vessel.terms(dof)) for dof in vessel.dofs]

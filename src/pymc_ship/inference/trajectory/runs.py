@@ -102,11 +102,7 @@ def trajectory_run(
     noise_sd: Mapping[str, float] | None = None,
     method: str = "rk4",
 ) -> Run:
-    """Run of a raw record with uniform sampling; ``noise_sd`` of single samples, by default from second differences.
-
-    TrialError for a channel that is missing, named twice or no state, values that are not finite, fewer than 20 blocks,
-    a channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
-    """
+    """Run of a raw record with uniform sampling; ``noise_sd`` of single samples, by default from second differences."""
     trial = as_trial(trial)
     noise_sd = {} if noise_sd is None else noise_sd
     check_kind("noise_sd", noise_sd, Mapping, "give a dict by channel", TrialError)

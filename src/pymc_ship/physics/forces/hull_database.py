@@ -44,7 +44,7 @@ def bare_hull(L: float, B: float, d: float, volume: float) -> dict[str, tuple[fl
     block, aspect = fullness * slender, 2.0 * by_draught
     # mean and sd over rho/2 L d U^2; the mean of Nvrr is 0, since codes differ in its sign
     laws = {
-        "Xvv": (1.15 * fullness - 0.18, 0.06),
+        "Xvv": (1.15 * fullness - 0.18, 0.06),  # the sd covers the term in v^4 up to v' = 0.3
         "Xvr": (1.91 * fullness - 0.08, 0.10),
         "Xrr": (-0.085 * fullness + 0.008, 0.03),
         "Yv": (-(0.5 * math.pi * aspect + 1.4 * fullness), 0.12),

@@ -18,12 +18,9 @@ _SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy
 
 
 class PropellerConstants(NamedTuple):
-    """Constants of :func:`loading`; zeros without a propeller.
+    """Constants of :func:`loading`, as of :class:`Propeller`; zeros without a propeller."""
 
-    ``J`` advance ratio at the nominal speed; ``k_0``, ``k_1``, ``k_2``, ``eta`` and ``kappa`` as in :class:`Propeller`.
-    """
-
-    J: float = 0.0
+    J: float = 0.0  # advance ratio at the nominal speed
     k_0: float = 0.0
     k_1: float = 0.0
     k_2: float = 0.0

@@ -91,8 +91,7 @@ def steady_inputs(
 ) -> np.ndarray:
     """Constant inputs without the rudder, (3,): revolutions over the nominal ones, velocity of the air over U_nom.
 
-    ``n`` [1/s] is by default that of the approach speed [m/s]. SimulationError for impossible revolutions, wind without
-    the part "wind", too fast a current.
+    ``n`` [1/s] is by default that of the approach speed [m/s].
     """
     U = vessel.particulars.nominal_speed
     revolutions = approach_speed / U if n is None else _relative_revolutions(vessel, n)

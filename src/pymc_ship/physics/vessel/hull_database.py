@@ -78,10 +78,7 @@ def is_symmetric(term: str, dof: str) -> bool:
 
 
 def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
-    """Coefficients of :func:`.bare_hull` of a vessel; VesselError without a draught.
-
-    The sd of Xvv covers the term in v^4 up to v' = 0.3.
-    """
+    """Coefficients of :func:`.bare_hull` of a vessel; VesselError without a draught."""
     vessel = as_vessel(vessel)
     s = vessel.particulars
     if s.d <= 0.0:

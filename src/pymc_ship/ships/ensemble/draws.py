@@ -25,8 +25,7 @@ def coefficient_draws(
 ) -> np.ndarray:
     """Draws (draws, n_coefficients) from a joint posterior, or from that of each DOF, without replacement if possible.
 
-    A DOF without a posterior has the vessel's reference values. VesselError for an unknown DOF, another vessel or a
-    posterior without one of the coefficients.
+    A DOF without a posterior has the vessel's reference values.
     """
     if not isinstance(posteriors, Mapping) or not all(isinstance(tree, xr.DataTree) for tree in _trees(posteriors)):
         raise VesselError(

@@ -21,8 +21,7 @@ _STEP = 1.0 / 30.0  # L/U
 def is_feasible(vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
     """Whether draws are feasible: no divergence, speed within :data:`FASTEST`, radius of turn within :data:`TIGHTEST`.
 
-    The manoeuvres are the standard ones. The radius of a model that is valid at any speed is not limited.
-    ``coefficients`` have shape (n_draws, n_coefficients).
+    In the standard manoeuvres, of ``coefficients`` (n_draws, n_coefficients); no radius for a model valid at any speed.
     """
     feasible = np.ones(len(coefficients), dtype=bool)
     for manoeuvre in STANDARD:

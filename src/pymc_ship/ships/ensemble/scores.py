@@ -35,11 +35,9 @@ def quantiles(values: np.ndarray, probabilities: list[float]) -> np.ndarray:
 
 
 def crps(draws: np.ndarray, measured: np.ndarray) -> float:
-    """Continuous ranked probability score of an ensemble (n_draws, n_time), mean over time.
-
-    Gneiting & Raftery (2007), doi:10.1198/016214506000001437, Eq. 20.
-    """
+    """Continuous ranked probability score of an ensemble (n_draws, n_time), mean over time."""
     sorted_draws = np.sort(draws[np.isfinite(draws[:, -1])], axis=0)
     n = len(sorted_draws)
+    # Gneiting & Raftery (2007), doi:10.1198/016214506000001437, Eq. 20
     weight = (2.0 * np.arange(1, n + 1) - n - 1.0) / (n * n)
     return float(np.mean(np.mean(np.abs(sorted_draws - measured), axis=0) - weight @ sorted_draws))

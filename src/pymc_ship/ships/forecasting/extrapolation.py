@@ -79,8 +79,7 @@ def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -
 def sentence(vessel: Vessel, summary: xr.Dataset) -> str:
     """Sentence: which part of a forecast is outside the record, how far, and in which quantities.
 
-    ``summary`` has variables over symbol of :func:`extrapolation` and attrs ``extrapolated_fraction`` and
-    ``median_distance``.
+    ``summary`` has variables over symbol, and attrs ``extrapolated_fraction`` and ``median_distance``.
     """
     fraction = summary.attrs["extrapolated_fraction"]
     if fraction == 0.0:

@@ -55,10 +55,7 @@ def force_curves(models: Models, ranges: xr.DataArray | None = None) -> Figure:
 
 
 def force_draws(vessel: Vessel, draws: np.ndarray, dof: str, symbol: str, values: np.ndarray) -> np.ndarray:
-    """Prime force of a DOF along prime values of one symbol, others zero, at the nominal speed, (n_draws, n_values).
-
-    ValueError for draws of another shape than (n_draws, n_coefficients).
-    """
+    """Prime force of a DOF along prime values of one symbol, others zero, at the nominal speed, (n_draws, n_values)."""
     size = len(coefficient_names(vessel))
     if draws.ndim != 2 or draws.shape[1] != size or not len(draws):
         raise ShipError(f"Draws of {vessel.name!r} have shape (draws, {size}), found {draws.shape}; reorder them.")

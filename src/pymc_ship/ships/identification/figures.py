@@ -25,10 +25,7 @@ _BOOTSTRAPS = 2000
 
 
 def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int) -> list[tuple[Run, np.ndarray]]:
-    """Windows of run ``k``, each with its forecast (n_channels, n_blocks) from the measured state by the other runs.
-
-    The forecast is NaN after divergence.
-    """
+    """Windows of run ``k``, with forecasts (n_channels, n_blocks) by the other runs, NaN after divergence."""
     windows = modelled_windows(thin_record(trials[k], candidate.vessel), candidate.vessel)
     fits = [candidate.held_out.fits[k]] * len(windows)
     if len(trials) == 1:
@@ -102,8 +99,7 @@ def held_out_overshoots(table: xr.Dataset) -> Figure:
 def score_differences(candidates: Sequence[Candidate], rng: np.random.Generator) -> list[dict]:
     """Held-out score (elpd) of each term set minus that of the first, per run, with a Bayesian bootstrap over runs.
 
-    Rows have ``name``, ``differences`` (ndarray, (n_runs,)), ``mean``, ``lower`` and ``upper``; NaN for a set that
-    diverged.
+    Rows have ``name``, ``differences`` (n_runs,), ``mean``, ``lower`` and ``upper``; NaN for a set that diverged.
     """
     first = candidates[0].held_out.log_density
     run_weights = rng.dirichlet(np.ones(first.size), _BOOTSTRAPS)

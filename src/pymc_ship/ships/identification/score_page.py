@@ -147,11 +147,7 @@ def windows_of(
     *,
     ci_prob: float,
 ) -> Figure:
-    """Measured motion of runs, and replays in windows with their bands.
-
-    ``trials`` by name, the head of the column; ``length`` of a window and ``every``, the time between their starts [s];
-    ``ci_prob``, the probability inside the bands.
-    """
+    """Measured motion of runs, and replays in windows of a ``length``, one ``every`` [s], with their bands."""
     fig, axes = channel_panels(list(trials), _DRAWN)
     for column, trial in enumerate(trials.values()):
         time = trial["time"].values

@@ -52,10 +52,7 @@ class Conditions:
 
 
 def load_conditions(source: str | Path | Mapping | None) -> Conditions:
-    """Read the conditions of a trial from a TOML file or its table; None for unknown conditions.
-
-    TrialError for an unreadable file, unknown keys or impossible values.
-    """
+    """Conditions of a trial from a TOML file or its table, unknown for None; TrialError if they are unusable."""
     if source is None:
         return Conditions()
     file = toml_table(source, "The conditions", TrialError)

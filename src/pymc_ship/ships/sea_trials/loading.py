@@ -17,10 +17,7 @@ _SAME = 0.05  # largest relative difference in L of one ship
 
 
 def at_loading(model: Vessel, rows: np.ndarray, tried: Vessel, loaded: Vessel) -> tuple[Vessel, np.ndarray]:
-    """Vessel and draws (n_draws, n_coefficients) of a modular model, identified at the draught ``tried``, at another.
-
-    TrialError for vessels of different ships.
-    """
+    """Vessel and draws (n_draws, n_coefficients) of a modular model, identified at draught ``tried``, at another."""
     if not np.isclose(tried.particulars.L, loaded.particulars.L, rtol=_SAME):
         raise TrialError(
             f"The vessel at full load and that of the trial have the same L, found {loaded.particulars.L:g} m and "
