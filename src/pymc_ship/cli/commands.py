@@ -49,7 +49,7 @@ from pymc_ship.machine.files import staged_files, staged_path, writable_folder
 from pymc_ship.machine.text import TextError, file_text
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.motion.inputs import held_speed
+from pymc_ship.physics.motion.inputs import speed_remarks
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import CHANNELS, unmodelled_roll_text
 from pymc_ship.trial.record import nonzero_channels, sampling_interval
@@ -88,7 +88,7 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise TrialError("A trial must have two samples or more, found 1; give a longer --duration or smaller --step.")
     diverged = f"The run diverged at t = {float(run['diverged_at']):g} s; the trial ends there."
     text = [diverged] if run["diverged"] else []
-    text += _step_remark(run, vessel, manoeuvre, args) + held_speed([vessel], run.attrs["approach_speed"])
+    text += _step_remark(run, vessel, manoeuvre, args) + speed_remarks([vessel], run.attrs["approach_speed"])
     if manoeuvre.traits.indices:
         indices = ps.indices(run)
         text += [index_text(indices, {"value": indices}), criteria_text(imo_criteria(indices, vessel))]

@@ -19,7 +19,7 @@ STATISTIC = {
     "coverage_half": "mean",
     "tactical_diameter_error": "median",
 }
-"""What is made of a score over the seeds."""
+"""Statistic of each score over the seeds."""
 
 BEYOND = 1_000_000  # tasks of the study that is planned
 

@@ -36,7 +36,7 @@ from pymc_ship.replication.estimates import (
 )
 
 SCORES = ("median_error", "coverage", "coverage_half", "tactical_diameter_error")
-"""What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""
+"""Scores of a task, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""
 
 STAGES = ("simulate", "pollute", "fit", "score")  # stages of a task, which are timed [s]
 
@@ -56,7 +56,7 @@ def _trajectory(noisy: xr.Dataset, vessel: Vessel, prior: str) -> Estimate:
 
 
 Method = Callable[[xr.Dataset, Vessel], Estimate]
-"""What a method is: it takes a noisy record and the vessel and returns coefficients with their intervals."""
+"""A method takes a noisy record and the vessel and returns coefficients with their intervals."""
 
 METHODS: dict[str, Method] = {
     "paper's pipeline": partial(_differences, derivative="euler", interval=1.0),

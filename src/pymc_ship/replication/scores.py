@@ -132,7 +132,7 @@ STATISTICS: dict[str, Callable[[np.ndarray], float]] = {
     "rmse": lambda values: float(np.median(np.sqrt(np.mean(values**2, axis=0)))),  # median over coefficients
     "ratio": lambda values: float(np.median(values[:, 0]) / np.median(values[:, 1])),
 }
-"""What is made of the values over seeds."""
+"""Statistics of the values over the seeds, by name."""
 
 
 def statistic_and_error(values: np.ndarray, statistic: str) -> tuple[float, float]:

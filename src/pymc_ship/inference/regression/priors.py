@@ -362,7 +362,7 @@ def warn_of_units(data: RegressionData, prior: Prior) -> None:
 
 
 def _broken_rule(name: str, value: float | np.ndarray) -> tuple[str, str] | None:
-    """What a hyperparameter must be and is not, with the remedy; None if it can be used."""
+    """Rule that a hyperparameter breaks, and its remedy; None if it keeps all."""
     least, most = (value, value) if isinstance(value, float) else (value.min(initial=1.0), value.max(initial=1.0))
     n_dims = 1 if name in ("mean", "kappa") else 0
     if np.ndim(value) > n_dims or not (math.isfinite(least) and math.isfinite(most)):

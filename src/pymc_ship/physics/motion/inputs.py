@@ -74,7 +74,7 @@ def takes_revolutions(vessel: Vessel) -> bool:
     return vessel.modular and vessel.propeller is not None
 
 
-def held_speed(vessels: Iterable[Vessel], approach_speed: float, n: float | None = None) -> list[str]:
+def speed_remarks(vessels: Iterable[Vessel], approach_speed: float, n: float | None = None) -> list[str]:
     """Sentence on vessels that tend to another speed than that of the approach [m/s]; none without any."""
     for vessel in vessels if n is None else ():
         nominal = vessel.particulars.nominal_speed

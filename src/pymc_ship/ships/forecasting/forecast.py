@@ -15,7 +15,7 @@ from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.pages.tables import rounded_percent
 from pymc_ship.physics.manoeuvre.indices import indices, needs_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
-from pymc_ship.physics.motion.inputs import held_speed
+from pymc_ship.physics.motion.inputs import speed_remarks
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
@@ -186,7 +186,7 @@ def _ship_forecast(
     approach = tree.attrs["approach_speed"]
     sentences = [_steering_sentence(vessel, ship.facilities, facility)]
     sentences += [order_sentence(tree.attrs["rudder_delay"], approach)] if manoeuvre.traits.indices else []
-    sentences += held_speed([vessel for vessel, _ in models], approach, settings.get("n"))
+    sentences += speed_remarks([vessel for vessel, _ in models], approach, settings.get("n"))
     sentences += [f"The approach is at {approach:.4g} m/s."] if facility is not None else []
     tree.attrs["steering"] = " ".join(sentences)
     return tree

@@ -180,7 +180,7 @@ class _Runs(NamedTuple):
 
 
 class _Corrections(NamedTuple):
-    """What corrects the indices of runs: current and wind by run, model, and the generator of its draws."""
+    """Corrections of the indices of runs: current and wind by run, model, and the generator of its draws."""
 
     vessel: Vessel
     currents: Mapping[str, DriftCurrent]
@@ -197,14 +197,14 @@ def _index_rows(
         progress(f"indices of {name}")
         settings: dict[str, Any] = {"rudder_delay": runs.delays[name], "current": by.currents.get(name)}
         settings |= {"wind": by.winds.get(name) if by.model.corrects_wind else None, "model": by.model, "rng": by.rng}
-        found = corrected_indices(trials[name], manoeuvre, by.vessel, **settings)
-        rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in found]
+        index_rows = corrected_indices(trials[name], manoeuvre, by.vessel, **settings)
+        rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in index_rows]
     for name in runs.stops:
-        found = corrected_stopping(trials[name], by.currents.get(name), by.vessel.particulars.L, by.rng)
-        rows += [{"run": name} | row for row in found]
+        index_rows = corrected_stopping(trials[name], by.currents.get(name), by.vessel.particulars.L, by.rng)
+        rows += [{"run": name} | row for row in index_rows]
     for name, turns in runs.spirals.items():
-        found = spiral_rows(turns, largest_loop(by.vessel.particulars.ship_time))
-        rows += [{"run": name} | row for row in found]
+        index_rows = spiral_rows(turns, largest_loop(by.vessel.particulars.ship_time))
+        rows += [{"run": name} | row for row in index_rows]
     return rows
 
 
