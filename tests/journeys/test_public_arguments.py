@@ -31,7 +31,7 @@ def called(name, **given):
         if entry.default is entry.empty and entry.kind is not entry.VAR_KEYWORD
     ]
     given = {word: value for word, value in given.items() if word in FUNCTIONS[name].parameters}
-    filled = {entry.name: 1 if entry.annotation == "int" else object() for entry in needed}
+    filled = {entry.name: 1 if entry.annotation in (int, "int") else object() for entry in needed}
     return getattr(ps, name)(**filled | given)
 
 
@@ -63,7 +63,7 @@ COUNTS = [
     (name, entry.name)
     for name, signature in FUNCTIONS.items()
     for entry in signature.parameters.values()
-    if entry.annotation == "int"
+    if entry.annotation in (int, "int")
 ]
 
 

@@ -1,7 +1,5 @@
 """Values of command line arguments; an ArgumentTypeError has the rule, the argument and the remedy."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterable
 from glob import glob

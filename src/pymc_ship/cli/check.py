@@ -1,7 +1,5 @@
 """The command ``check``: what a trial file was read as, its checks, its manoeuvre with indices, and its page."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable
 from pathlib import Path

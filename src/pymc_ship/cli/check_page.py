@@ -1,7 +1,5 @@
 """The page of ``check``: columns, track, heading and rudder, checks and indices of one trial file, in one file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any

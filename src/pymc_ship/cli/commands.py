@@ -4,8 +4,6 @@ A command ``f(args, progress)`` returns its text, the path of its output and, if
 sentence. It reads its inputs, checks that the output can be written, and then computes.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import warnings

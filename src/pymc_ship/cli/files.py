@@ -1,7 +1,5 @@
 """Vessels, trials and manoeuvres that a command names, and CSV files that it writes."""
 
-from __future__ import annotations
-
 import argparse
 import html
 import json

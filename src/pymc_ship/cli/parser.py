@@ -3,8 +3,6 @@
 Choices are copies of those of the API, compared by a test, so that ``--help`` imports no library.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 from collections.abc import Callable

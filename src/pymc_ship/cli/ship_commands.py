@@ -1,7 +1,5 @@
 """Commands on a ship: identify, forecast, design, score, trial-report."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path

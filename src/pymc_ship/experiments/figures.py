@@ -1,7 +1,5 @@
 """Figures of a grid of experiments: each score against the noise level, one line per method."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Grid of a Monte-Carlo study: ships x manoeuvres x noise x methods x seeds, from a TOML file."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace

@@ -1,7 +1,5 @@
 """User-defined methods of a grid: functions, or import paths ``module:function``."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import re

@@ -1,7 +1,5 @@
 """Page of a Monte-Carlo study with figures, costs and a plan, and its tables as files."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from collections.abc import Iterator, Mapping, Sequence

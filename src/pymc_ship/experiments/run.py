@@ -1,7 +1,5 @@
 """Monte-Carlo studies: many tasks by many workers, which can be stopped and continued."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping

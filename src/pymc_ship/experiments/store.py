@@ -4,8 +4,6 @@ Each result is a line of JSON in the journal of its part; a complete part become
 incomplete line is dropped; of two results of one task the first counts.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Interface of a study: tasks, work on one, settings, report. A grid is one; a TOML file names any other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self

@@ -1,7 +1,5 @@
 """Tables of a Monte-Carlo study: scores by cell with bootstrap standard errors, costs, and a plan."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """Checks of values and arrays; an error is one sentence: rule, value, remedy."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """SHA-256 checksums of result files (FIPS 180-4): readers of damaged NetCDF or HDF5 may return wrong numbers."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Mapping

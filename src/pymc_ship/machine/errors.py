@@ -1,7 +1,5 @@
 """The errors of the package, one class for each kind of wrong input or output."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

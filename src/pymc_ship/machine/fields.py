@@ -1,7 +1,5 @@
 """Short text of a dataclass, for its ``repr``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from textwrap import shorten

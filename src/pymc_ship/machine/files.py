@@ -4,8 +4,6 @@ A run writes to a folder ``.partial-HOST-PID-RANDOM`` beside the result, and the
 A reader calls :func:`finish_killed_runs` first: it delivers or removes the folders of killed runs alone.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

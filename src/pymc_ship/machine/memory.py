@@ -1,7 +1,5 @@
 """Memory of this process on Linux and macOS; unknown on Windows."""
 
-from __future__ import annotations
-
 import sys
 from contextlib import suppress
 

@@ -1,7 +1,5 @@
 """The known name that a misspelt one is nearest to; imports nothing, as the command line reads it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 _LONGEST, _NEAR = 60, 0.75  # characters of a misspelt name, and its similarity to the known one as of difflib

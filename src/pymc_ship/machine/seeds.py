@@ -1,7 +1,5 @@
 """Random generators: from the seed of a caller, and one for each purpose."""
 
-from __future__ import annotations
-
 from hashlib import sha256
 
 import numpy as np

@@ -1,7 +1,5 @@
 """UTF-8 text of user files, plain or gzip; an error names what the file is instead."""
 
-from __future__ import annotations
-
 import codecs
 import gzip
 import io

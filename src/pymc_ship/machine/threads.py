@@ -1,7 +1,5 @@
 """Threads: one for each core, one inside a worker process."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor

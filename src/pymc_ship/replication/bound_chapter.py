@@ -1,7 +1,5 @@
 """Chapter "From the bound down" of the study's page: every method against the Cramer-Rao bound, by noise level."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

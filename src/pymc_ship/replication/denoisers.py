@@ -1,7 +1,5 @@
 """Denoising in the study: comparison of the methods, and posterior draws of the denoised record in the regression."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

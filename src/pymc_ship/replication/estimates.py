@@ -1,7 +1,5 @@
 """Coefficients of a ship from one noisy trial by every method, in one form."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

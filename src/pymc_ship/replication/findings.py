@@ -1,7 +1,5 @@
 """Results of the study in sentences, tables and figures."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -1,7 +1,5 @@
 """Tables of the study: errors of discretisation and noise, methods, and misprints of the paper."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

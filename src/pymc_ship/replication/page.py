@@ -1,7 +1,5 @@
 """The page of the study, with tables as CSV and posteriors as NetCDF."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Ships drawn from the study's priors and posteriors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows of the study's tables: coefficients with their references, error summaries, scores of forecasts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 

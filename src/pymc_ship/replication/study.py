@@ -1,7 +1,5 @@
 """The paper's study on one ship, in its order: trial, noise, denoising, priors, posteriors, forecasts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Tables of the study: rows from its result, for the page and for CSV."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

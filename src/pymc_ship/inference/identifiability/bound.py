@@ -1,7 +1,5 @@
 """The Cramer-Rao bound of clean trials, and the errors of estimates that reach it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ The Fisher information of a run is S' S = R' R, S the sensitivities of the traje
 columns of the initial states and sensor offsets are projected out (Schur complement).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Simulation-based calibration of posteriors, on data simulated from the prior."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

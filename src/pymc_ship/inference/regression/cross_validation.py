@@ -1,7 +1,5 @@
 """K-fold cross-validation of a prior: expected log predictive density (elpd) of held-out rows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

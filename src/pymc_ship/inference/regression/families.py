@@ -1,7 +1,5 @@
 """Prior families by name: the two of Xue et al. (2020), and those that are registered."""
 
-from __future__ import annotations
-
 from inspect import isabstract
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior

@@ -1,7 +1,5 @@
 """Exact posteriors of all degrees of freedom of a trial, and posteriors pooled over draws of a denoised trial."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 

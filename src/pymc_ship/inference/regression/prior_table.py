@@ -3,8 +3,6 @@
 On the scaled columns, b = offset + T b*, the prior b_j ~ N(m, sd^2) is b*_j ~ N(m / T_jj, (sd / T_jj)^2).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace

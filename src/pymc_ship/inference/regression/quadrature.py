@@ -4,8 +4,6 @@ The density is analytic for |Im t| < pi/2, so the trapezoid rule converges expon
 evidence changes by less than 1e-11 of itself.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

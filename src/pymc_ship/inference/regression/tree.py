@@ -1,7 +1,5 @@
 """Posterior draws as a DataTree with ArviZ groups and dims, and their files."""
 
-from __future__ import annotations
-
 import json
 import math
 from importlib.metadata import version

@@ -1,7 +1,5 @@
 """Hyperparameters of a prior by Bayesian optimisation of its cross-validated elpd, or by maximum evidence."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping

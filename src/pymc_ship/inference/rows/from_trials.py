@@ -1,7 +1,5 @@
 """From trials to the rows of a regression, by differences or in the weak form."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

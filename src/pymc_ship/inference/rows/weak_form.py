@@ -4,8 +4,6 @@
 (2023), doi:10.1007/s11538-023-01208-6. The motion in the terms is denoised.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

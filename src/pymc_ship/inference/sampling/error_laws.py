@@ -4,8 +4,6 @@
 ``ar1``: e_1 ~ N(0, sigma2), e_t ~ N(rho e_(t-1), (1 - rho^2) sigma2), rho ~ Uniform(-1, 1), anew for each run.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Given sigma2 the rotated coefficients g are independent; the residual sum of squ
 conjugate prior g'g is added to it, with shape A + (n + c)/2 of sigma2 (Xue et al. 2020, Eq. 15).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ sigma2_g ~ IG(shape, scale), y ~ N(X b_g, sigma2_g). NUTS draws tau and sigma2 f
 Smith 1972, doi:10.1111/j.2517-6161.1972.tb00885.x); m and b are exact draws.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Linear coordinates for NUTS in the PyMC model of a regression, in which its posterior is nearly standard normal."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

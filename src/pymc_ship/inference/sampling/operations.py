@@ -1,7 +1,5 @@
 """Simulated motion of a run as a PyTensor operation, and the density of pooled groups, with gradients."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Prior draws, and prior and posterior predictive draws of the rows, for ArviZ's checks."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -3,8 +3,6 @@
 sigma2 of the scaled response ~ IG(2, 1). ``functools.partial`` sets hyperparameters.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pymc as pm
 

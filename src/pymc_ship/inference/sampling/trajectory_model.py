@@ -1,7 +1,5 @@
 """PyMC model of whole trajectories and its sampling by NUTS."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from threading import Lock
 from typing import Any

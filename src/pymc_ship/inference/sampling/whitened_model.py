@@ -4,8 +4,6 @@ X diag(kappa)^(1/2) = U S R'; coordinates (g - center) / spread of g = R' diag(k
 spread of g given sigma2. Sufficient statistics: z = U' (y - X mean) and the residual sum of squares.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Posterior mode of whole trajectories from two weak-form starts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

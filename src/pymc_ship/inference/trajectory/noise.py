@@ -1,7 +1,5 @@
 """Choice of the noise model by tests of the residuals under white noise, and the fit under that model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Laplace approximation of the posterior of all coefficients from raw records, as a DataTree."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

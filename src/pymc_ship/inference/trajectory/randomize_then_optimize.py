@@ -1,7 +1,5 @@
 """Draws from a fit to windows by randomize-then-optimize (Bardsley et al. 2014, doi:10.1137/140964023)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pymc_ship.inference.trajectory.fit import TrajectoryFit

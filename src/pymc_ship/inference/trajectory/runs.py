@@ -1,7 +1,5 @@
 """Trial as arrays of the trajectory likelihood: inputs, block means of raw channels and sample noise."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ theta_j = mean_j + scale_j exp(E_j eta) t_j with t_j Student's t: row j of the e
 group and, for each order above the first, the log damping of its DOF. The elements of eta are normal.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Residuals are serially correlated: the log likelihood is divided by a design eff
 doi:10.5705/ss.2009.248). The prior is Student's t, the covariance a sandwich.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

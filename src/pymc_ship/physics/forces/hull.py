@@ -3,8 +3,6 @@
 Equation numbers are those of docs/reference/equations.md.
 """
 
-from __future__ import annotations
-
 from numpy.polynomial.legendre import leggauss
 
 from pymc_ship.physics.forces.expressions import Expression, cos, sin, step

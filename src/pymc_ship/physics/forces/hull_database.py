@@ -4,8 +4,6 @@ Yoshimura & Masumoto (2012), Proc. MARSIM: bare hulls about midship, over rho/2 
 Faltinsen (1990), Sea Loads on Ships and Offshore Structures, section 6: strips, -rho/2 d C_D (v + x r)|v + x r|.
 """
 
-from __future__ import annotations
-
 import math
 
 SOURCE = "hull database of Yoshimura & Masumoto (2012)"  # source of the coefficients of bare_hull

@@ -1,7 +1,5 @@
 """The table of parts, to which :func:`register_part` adds, and the accelerations of a set of parts as one program."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 

@@ -4,8 +4,6 @@ Quantities are prime at the nominal speed U_nom, also at rest and astern. Axes p
 positive rudder angle turns to port.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple

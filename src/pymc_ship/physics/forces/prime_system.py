@@ -3,8 +3,6 @@
 Units are L, the instantaneous speed U, L / U, 1/2 rho U^2 L^2 and 1/2 rho U^2 L^3; terms have u_a = (U - U_nom) / U.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

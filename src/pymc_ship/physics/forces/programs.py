@@ -3,8 +3,6 @@
 Reverse mode of automatic differentiation: Griewank & Walther (2008), doi:10.1137/1.9780898717761.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ Yasukawa & Yoshimura (2015), Eq. 13 to 22, doi:10.1007/s00773-014-0293-y, with J
     T = (K_T / J^2) over its value at u_a = 0, minus 1, K_T = k_0 + k_1 J + k_2 J^2; X' = R'_0 T on a straight course
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple

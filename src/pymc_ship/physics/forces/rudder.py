@@ -4,8 +4,6 @@ Yasukawa & Yoshimura (2015), with gamma_R by side and F_N ~ sin(alpha) (1 + f_2 
 Equation numbers are those of docs/reference/equations.md.
 """
 
-from __future__ import annotations
-
 from pymc_ship.physics.forces.expressions import Expression, cos, root, sin
 from pymc_ship.physics.forces.hull import MMG
 from pymc_ship.physics.forces.hull_database import CONVEXITY

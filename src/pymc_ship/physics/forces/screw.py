@@ -5,8 +5,6 @@ the straight course; astern it is quadratic in n and u, the rudder has no slipst
 Equation numbers are those of docs/reference/equations.md.
 """
 
-from __future__ import annotations
-
 import math
 
 from pymc_ship.physics.forces.expressions import Expression, arctan2, exp, ramp, root, step

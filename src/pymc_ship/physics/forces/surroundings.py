@@ -4,8 +4,6 @@ Wind: X as the cosine, Y as the sine, N as the sine of twice the relative direct
 Equation numbers are those of docs/reference/equations.md.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from pymc_ship.machine.arguments import number_or_nan, short_repr

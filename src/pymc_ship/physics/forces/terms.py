@@ -4,8 +4,6 @@ A term is a product of prime quantities: ``v|v|``, ``deltadeltau`` = delta^2 u_a
 cos(delta), ``gsincos`` that in the slipstream, ``T`` the excess thrust (:mod:`.propeller`).
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Criteria of IMO MSC.137(76), and the probability that a forecast ship meets each."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

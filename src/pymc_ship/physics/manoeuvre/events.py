@@ -1,7 +1,5 @@
 """Events of one run, on the cubic Hermite interpolant of heading and track: headings, peaks, the steady turn."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property

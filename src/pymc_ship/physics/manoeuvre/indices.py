@@ -1,7 +1,5 @@
 """Manoeuvring indices of a record, as its kind of manoeuvre measures them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

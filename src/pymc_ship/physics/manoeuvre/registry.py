@@ -1,7 +1,5 @@
 """The kinds of manoeuvres that the package knows, by name; a new one is registered here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from pymc_ship.machine.errors import SimulationError

@@ -3,8 +3,6 @@
 A positive rudder angle turns the ship to port; the constructors take magnitudes and the side turned to first.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Steering in a record: first execute, fixed rudder angles and rudder reversals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, wraps

@@ -1,7 +1,5 @@
 """Forces on a ship in prescribed motion, without its inertia, over rho/2 L^2 U^2 (moments rho/2 L^3 U^2)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

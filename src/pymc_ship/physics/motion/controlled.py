@@ -3,8 +3,6 @@
 The integration restarts at each kink of the rudder; a switching heading is located as an event.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 Equation numbers are those of docs/reference/equations.md. A lane of the arrays is one instant of one ship.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Inputs of the equations of motion: rudder, revolutions and wind."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

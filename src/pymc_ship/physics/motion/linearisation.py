@@ -1,7 +1,5 @@
 """Derivatives of the rates by states, coefficients and parameters: forward mode for terms, reverse mode for parts."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Prime quantities of a record at every instant."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Open-loop simulation along measured inputs, of one ship or of many draws in parallel."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

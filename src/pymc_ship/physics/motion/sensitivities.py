@@ -1,7 +1,5 @@
 """Forward sensitivities S = dx/d(theta, x_0) of the simulated motion x' = f(x, delta; theta): S' = f_x S + f_theta."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Integration of the equations of motion: one ship, or one for each of many parameter vectors, in parallel."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

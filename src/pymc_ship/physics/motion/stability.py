@@ -1,7 +1,5 @@
 """Stability of a straight course: how a small disturbance of sway, yaw and roll grows at zero rudder."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pymc_ship.physics.forces.prime_system import rate_scale

@@ -1,7 +1,5 @@
 """Steps of the integrators, one lane per draw, and the range of the model."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Prior of polynomial hull coefficients from :mod:`pymc_ship.physics.forces.hull_database`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 

@@ -5,8 +5,6 @@ Zhou, Sheng & Feng (1983); in roll, Bhattacharyya (1978), Dynamics of Marine Veh
 Schneekluth & Bertram (1998), Ship Design for Efficiency and Economy, section 1.6.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from pymc_ship.machine.errors import VesselError

@@ -1,7 +1,5 @@
 """Parts of the force of a vessel, with typical parameters where the vessel file states none."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace

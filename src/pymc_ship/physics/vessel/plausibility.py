@@ -1,7 +1,5 @@
 """Numbers of a vessel outside the possible or the usual ranges."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 

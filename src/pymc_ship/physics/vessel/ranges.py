@@ -10,8 +10,6 @@ range, which holds for tugs, tankers, container ships, naval ships and their mod
 - Propeller: Carlton (2018), Marine Propellers and Propulsion; kappa: doi:10.1007/s00773-014-0293-y.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Reader of vessel files (docs/reference/vessel_toml.md)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace

@@ -1,7 +1,5 @@
 """Coefficients of terms in the bis system of Norrbin, and in that of MMG papers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ Hull forces are linear and quadratic or cubic in v and r; the even term |r| is t
 propeller, forces scale with its loading g(u_a), so that the model extrapolates to the speed loss of a turn.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from pymc_ship.machine.arguments import check_choice

@@ -4,8 +4,6 @@ Variance of the targets given the indices of a candidate: linear Bayes estimate 
 Wooff 2007, doi:10.1002/9780470065662, section 3.1).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Summary of an identified ship: forecasts of the standard manoeuvres, and the recommended next run."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

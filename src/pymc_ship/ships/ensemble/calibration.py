@@ -1,7 +1,5 @@
 """Constants of the model error, calibrated on other ships; ``studies/population`` writes ``calibration.toml``."""
 
-from __future__ import annotations
-
 import datetime
 import tomllib
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Draws of coefficients from posteriors, with prime motion and sensor noise of the fitted records."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Feasibility of a model: its simulation does not diverge in the standard manoeuvres."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

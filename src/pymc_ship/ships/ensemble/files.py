@@ -1,7 +1,5 @@
 """A ship as files: a vessel (TOML) and a posterior (NetCDF) per member, with an index (JSON)."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields

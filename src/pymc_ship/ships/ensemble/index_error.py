@@ -5,8 +5,6 @@ Half-Cauchy prior of its sd over ships (Gelman 2006, doi:10.1214/06-BA117A) with
 ``calibration.toml`` has the constants.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any

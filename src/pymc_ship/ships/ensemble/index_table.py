@@ -1,7 +1,5 @@
 """Dataset of measured and forecast indices of recorded manoeuvres, runs x indices, with the parts of the error."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np

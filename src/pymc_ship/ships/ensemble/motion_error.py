@@ -4,8 +4,6 @@ Half-Cauchy prior of its sd over ships (Gelman 2006, doi:10.1214/06-BA117A) with
 the extrapolation from the runs, see docs/explanation/model_error.md. ``calibration.toml`` has the constants.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 

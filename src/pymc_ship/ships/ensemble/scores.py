@@ -1,7 +1,5 @@
 """Quantile bands of draws, and the continuous ranked probability score."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -4,8 +4,6 @@ The convex hull of the record, each symbol over its range, is bounded by support
 Convex Analysis, section 13): a distance is a lower bound.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from itertools import combinations

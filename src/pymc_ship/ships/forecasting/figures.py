@@ -1,7 +1,5 @@
 """Figures of a forecast manoeuvre, with a measured trial where there is one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from itertools import cycle
 from typing import Any

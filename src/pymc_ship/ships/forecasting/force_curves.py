@@ -1,7 +1,5 @@
 """Force curves of the draws over the range of the data and beyond."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Forecasts of manoeuvres from posterior draws: bands of channels and intervals of indices."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Page of forecasts: IMO criteria, and every manoeuvre in numbers and figures."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path

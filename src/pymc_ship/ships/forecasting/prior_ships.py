@@ -1,7 +1,5 @@
 """Prior predictive check in the space of trajectories: draws of a prior in a manoeuvre."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -3,8 +3,6 @@
 Newton's method on the accelerations of the simulator, from one rate to the next, also on the unstable branch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

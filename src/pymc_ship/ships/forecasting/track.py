@@ -1,7 +1,5 @@
 """The track of a forecast manoeuvre seen from above, with ship outlines to scale, marks and dimensions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Term sets fitted to the runs of a ship, cross-validated, and accepted if feasible in standard manoeuvres."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Figures of an identified ship: held-out windows and overshoots, scores of term sets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 The score of a run is a mean over windows of a sum over channels: each channel of a run counts as one observation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType

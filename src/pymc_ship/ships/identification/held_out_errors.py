@@ -1,7 +1,5 @@
 """Errors of the indices of held-out manoeuvres, and how often their intervals cover the measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

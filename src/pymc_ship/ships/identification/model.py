@@ -4,8 +4,6 @@ Pseudo-BMA+ weights (Yao et al. 2018, doi:10.1214/17-BA1091). Model error: sprea
 indices of held-out manoeuvres beyond it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Open-loop simulation along the measured inputs of a record."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

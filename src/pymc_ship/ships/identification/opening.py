@@ -1,7 +1,5 @@
 """First screen of the page of a ship: what was measured, what was missed, and what no run supports."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

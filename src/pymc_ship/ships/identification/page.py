@@ -1,7 +1,5 @@
 """Report of a ship identified from trials: runs, term sets, held-out manoeuvres, coefficients and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """Open-loop simulation along the measured inputs of a record, and its score."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from copy import deepcopy
 from typing import Any

@@ -1,7 +1,5 @@
 """Page of a score: replays of a ship along records."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Conditions of a sea trial, and their limits by IMO MSC/Circ.1053."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ The current is subtracted from the denoised track. Wind and loading: R = T F / B
 measured index T and the model's index at full load in calm, F, and in the trial's conditions, B.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures of a sea trial: tracks of turning circles, headings of zigzags, steady turns of spiral tests."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import cycle
 

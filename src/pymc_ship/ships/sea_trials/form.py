@@ -1,7 +1,5 @@
 """The form of IMO MSC/Circ.1053, appendix 6, line by line."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 The prior means of a modular model follow the draught; the standardised deviation of each parameter stays the same.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

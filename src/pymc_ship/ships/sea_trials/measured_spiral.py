@@ -1,7 +1,5 @@
 """Steady turns of a recorded spiral test: direct (fixed rudder angles) or reverse (fixed rates), IMO MSC/Circ.1053."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

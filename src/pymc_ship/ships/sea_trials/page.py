@@ -1,7 +1,5 @@
 """The page of a sea trial: the form of IMO MSC/Circ.1053, conditions, corrections with their uncertainty, figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pymc_ship.machine.arguments import check_kind

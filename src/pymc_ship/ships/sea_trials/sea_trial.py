@@ -1,7 +1,5 @@
 """A sea trial: its runs, their conditions, and their indices as measured and corrected."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 Components: record, current and model, by draws, and the scatter of repeated runs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
