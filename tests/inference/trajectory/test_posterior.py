@@ -51,6 +51,13 @@ def shifted_fit(ship, trials):
     return fit_trajectory(replace(problem, noise=noise), np.append(truth(ship, trials), np.zeros(3)))
 
 
+def test_runs_of_one_motion_are_named_in_the_posterior_and_others_are_not(ship, zigzag, trials):
+    assert trajectory_mode(trials, ship).quality_flags["record_remarks"] == ""
+    flags = trajectory_mode([rough(zigzag, 0), rough(zigzag, 2)], ship).quality_flags
+    assert "Runs 1 and 2 are the same motion" in flags["record_remarks"]
+    assert flags["record_verdict"] == "doubtful"
+
+
 class TestDensities:
     def test_rows_of_the_log_likelihood_sum_to_that_of_the_fit(self, shifted_fit):
         rows = log_likelihood_rows(shifted_fit, shifted_fit.unknowns[None])

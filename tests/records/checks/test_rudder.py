@@ -73,6 +73,17 @@ def test_a_zigzag_whose_sides_differ_is_doubted(zigzag, container, degrees):
     assert check.value("between the sides of the zigzag") == pytest.approx(degrees, abs=0.2)
 
 
+@pytest.mark.parametrize("read", [lambda delta: np.clip(delta, *np.deg2rad([-15.0, 15.0])), lambda delta: 0.75 * delta])
+def test_an_indicator_that_ends_before_the_order_is_doubted_by_the_heading(zigzag, container, read):
+    assert checks_by_name(zigzag, container)["rudder angle"].verdict == "good"
+    cut = changed(zigzag, delta=read(zigzag["delta"].values))
+    check = checks_by_name(cut, container)["rudder angle"]
+    assert (check.verdict, check.value("angle")) == ("doubtful", pytest.approx(15.0, abs=0.2))
+    assert "an indicator that ends there" in check.sentence
+    ordered = cut.assign(delta_command=cut["delta"])
+    assert checks_by_name(ordered, container)["rudder angle"].verdict == "good"
+
+
 def test_a_turn_after_a_straight_approach_is_no_zigzag_of_another_zero(container):
     """Its rudder scatters about 0, to both sides, and then keeps one angle."""
     turn = ps.rudder_programme([0.0, 150.0, 155.0, 400.0], np.deg2rad([0.0, 0.0, 20.0, 20.0]))

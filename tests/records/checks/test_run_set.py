@@ -10,8 +10,8 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import Windage
-from pymc_ship.records.checks.run_set import contradicting_runs, repeated_runs
-from tests.records.checks.cases import changed, noisy, simulated
+from pymc_ship.records.checks.run_set import contradicting_runs, cut_runs, repeated_runs, run_set_flags
+from tests.records.checks.cases import changed, noisy, simulated, steered
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +69,61 @@ def test_the_same_manoeuvre_with_the_rudder_a_second_late_is_another_run(run, co
 
 def test_runs_without_a_rudder_are_not_compared(run):
     assert repeated_runs({"a": run.drop_vars("delta"), "b": run}) == []
+
+
+@pytest.mark.parametrize(
+    "rudder",
+    [lambda delta: 0.9 * delta, lambda delta: delta + np.deg2rad(1.0), lambda delta: -delta],
+)
+def test_neither_another_rudder_indicator_nor_a_clock_hides_a_second_logger(run, rudder):
+    second = noisy(run, 2)
+    other = changed(second, delta=rudder(second["delta"].values))
+    fast = other.assign_coords(time=1.01 * other["time"])
+    for copy in (other, fast):
+        (sentence,) = repeated_runs({"a": noisy(run), "b": copy})
+        assert "Runs a and b are the same motion" in sentence
+
+
+def mirrored(trial):
+    return changed(trial, **{name: -trial[name].values for name in ("y", "psi", "v", "r", "p", "phi", "delta")})
+
+
+def test_a_mirrored_copy_is_named_by_its_noise_and_a_run_to_the_other_side_is_not(run):
+    trial = noisy(run)
+    (sentence,) = repeated_runs({"a": trial, "b": mirrored(trial)})
+    assert "mirror images with one noise" in sentence
+    assert repeated_runs({"a": trial, "b": mirrored(noisy(run, 2))}) == []  # of a symmetric ship
+    assert repeated_runs({"a": trial, "b": noisy(mirrored(run), 1)}) == []  # one seed
+
+
+def test_the_noise_of_one_seed_makes_no_copy_of_another_circle(container):
+    runs = {angle: noisy(simulated(container, ps.turning_circle(float(angle))), 1, 0.03) for angle in ("20", "22")}
+    assert repeated_runs(runs) == []
+
+
+@pytest.mark.parametrize("wrong", [{"r": lambda r: 60.0 * r + 1e-3}, {"delta": np.sign}])
+def test_a_copy_is_named_in_another_unit_and_with_another_rudder(run, wrong):
+    trial = noisy(run)
+    copy = changed(trial, **{name: change(trial[name].values) for name, change in wrong.items()})
+    (sentence,) = repeated_runs({"a": trial, "b": copy.assign_coords(time=2.0 * copy["time"])})
+    assert "Runs a and b are the same motion" in sentence
+
+
+def test_a_short_overlap_of_two_files_is_named(run):
+    trial = noisy(run)
+    (sentence,) = repeated_runs({"a": trial.isel(time=slice(0, 1300)), "b": trial.isel(time=slice(1100, None))})
+    assert "Runs a and b are the same motion" in sentence
+
+
+@pytest.mark.parametrize("level", [0.0, 0.01])
+def test_a_run_cut_in_two_is_named(run, container, level):
+    trial = noisy(run, 1, level) if level else run
+    begin, end = (trial.isel(time=part) for part in (slice(0, 900), slice(900, None)))
+    end = changed(end, x=end["x"] - 900.0, psi=end["psi"] + 2.0 * np.pi)  # its own origin
+    (sentence,) = cut_runs({"b": end, "a": begin})
+    assert sentence.startswith("Run b goes on with run a")
+    others = {"a": begin, "c": noisy(simulated(container, ps.zigzag(10, 10)), 3), "d": noisy(steered(container), 4)}
+    assert cut_runs(others) == []
 
 
 FLEET = {"z10": ps.zigzag(10, 10), "z20": ps.zigzag(20, 20, side="starboard"), "z15": ps.zigzag(15, 10)}
@@ -148,3 +203,14 @@ def test_of_two_runs_both_are_named(container, tanker, tanker_runs):
 def test_runs_without_sway_or_at_rest_are_not_compared(tanker, tanker_runs):
     runs = {"a": tanker_runs["z10"].drop_vars("v"), "b": times(0.0, "u", "v")(tanker_runs["z20"])}
     assert contradicting_runs(runs | {"c": tanker_runs["z20"]}, tanker.particulars.L) == []
+
+
+def test_the_flags_of_a_set_have_what_its_runs_show_together(tanker, tanker_runs):
+    one = {"a": tanker_runs["z10"]}
+    L = tanker.particulars.L
+    assert run_set_flags(one, L) == {"record_verdict": "not checked", "record_remarks": ""}
+    flags = run_set_flags(one | {"b": tanker_runs["z10"], "c": times(-1.0, "delta")(tanker_runs["z20"])}, L)
+    assert flags["record_verdict"] == "doubtful"
+    same, contradiction = flags["record_remarks"].splitlines()
+    assert same.startswith("Runs a and b")
+    assert contradiction.startswith("Run c contradicts")

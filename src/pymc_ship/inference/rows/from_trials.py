@@ -15,7 +15,7 @@ from pymc_ship.physics.motion.equations import VELOCITIES
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
-from pymc_ship.records.files.quality_flags import quality_flags
+from pymc_ship.records.checks.run_set import run_set_flags
 from pymc_ship.trial.record import numbered_trials, sampling_interval
 
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
@@ -105,7 +105,7 @@ def regression_data(
         dof=dof,
         vessel=vessel.name,
         derivative=derivative,
-        **quality_flags(list(trials.values()), list(trials) if len(trials) > 1 else ()),
+        **run_set_flags(trials, vessel.particulars.L),
     )
 
 

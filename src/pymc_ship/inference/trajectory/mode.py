@@ -16,8 +16,8 @@ from pymc_ship.machine.errors import FitError, InferenceError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
-from pymc_ship.records.files.quality_flags import quality_flags
-from pymc_ship.trial.record import trial_list
+from pymc_ship.records.checks.run_set import run_set_flags
+from pymc_ship.trial.record import numbered_trials, trial_list
 
 _SAME_MODE_SD = 0.5  # largest distance of equal modes [posterior sd]
 
@@ -50,7 +50,7 @@ def trajectory_mode(
     trials = trial_list(trials)
     if not trials:
         raise FitError("A trajectory fit needs at least one trial, found none; give one.")
-    quality = quality_flags(trials)
+    quality = run_set_flags(numbered_trials(trials), vessel.particulars.L)
     runs = [trajectory_run(trial, vessel, channels=channels, noise_sd=noise_sd, method=method) for trial in trials]
     trials = [_with_missing_states(trial, run, vessel) for trial, run in zip(trials, runs, strict=True)]
     if isinstance(prior, str):

@@ -35,6 +35,7 @@ ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicat
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
 OFF_THE_ORDER = 0.75  # deg, difference of a zigzag's angle from its order beyond the usual reading of an indicator
 LARGEST_BACKLASH = 1.5  # deg, up to which an angle is that of an order of a multiple of 5 deg, however finely read
+OVER_THE_ORDER, DELAYED = 1.25, 2.0  # heading of a reversal over the angle, and degrees beyond it: an angle cut off
 UNUSUAL = 45.0  # deg, largest angle of a usual rudder
 AMIDSHIPS = np.deg2rad(3.0)  # largest rudder angle of a ship that keeps its course
 STEPS = (2.0, 1.0, 0.5)  # deg, of coarse indicators
@@ -166,7 +167,8 @@ def rudder_angle_check(trial: xr.Dataset) -> Check:
     if reason := missing_channels_text(trial, ("delta", "psi")):
         return not_checked(name, reason)
     commanded = trial.assign(delta=trial["delta_command"]) if "delta_command" in trial else None
-    is_zigzag, step = bool(rudder_reversals(trial)), rudder_step(trial["delta"].values)
+    reversals, step = rudder_reversals(trial), rudder_step(trial["delta"].values)
+    is_zigzag = bool(reversals)
     if not is_zigzag and (commanded is None or not _is_fixed(trial) or not _is_fixed(commanded)):
         return not_checked(name, "the rudder is not reversed between two angles, as in a zigzag, or has no order")
     under_way = is_manoeuvre(trial)
@@ -184,6 +186,12 @@ def rudder_angle_check(trial: xr.Dataset) -> Check:
         )
         text += "indicator, which the rudder coefficients take over; calibrate delta."
         return Check(name, "doubtful", text, numbers)
+    heading = float(np.rad2deg(np.median([abs(one.heading) for one in reversals]))) if reversals else 0.0
+    if not stated and heading > max(OVER_THE_ORDER * angle, angle + DELAYED):
+        text += (
+            f" and is reversed at a heading of {heading:.3g} deg, but a standard zigzag has as much rudder or more: "
+        )
+        return Check(name, "doubtful", f"{text}an indicator that ends there, or its scale; calibrate delta.", numbers)
     return Check(name, "good", f"{text}.", numbers)
 
 

@@ -1,10 +1,10 @@
-"""Runs of one ship against each other: the same motion given twice, and a run that contradicts the others."""
+"""Runs of one ship against each other: a motion given twice, a run cut in two, and one that contradicts the others."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 import scipy
@@ -13,7 +13,8 @@ import xarray as xr
 from pymc_ship.records.checks.mistakes import SIGNS, corrected_by
 from pymc_ship.records.checks.plausibility import DRIFT
 from pymc_ship.records.checks.verdicts import SLOW
-from pymc_ship.records.files.ship_scale import Blocks
+from pymc_ship.records.files.quality_flags import quality_flags, worst_verdict
+from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks
 from pymc_ship.trial.record import Channels, sampling_interval, second_difference_sd
 
 SAME = 0.02  # rms difference over the standard deviation of a channel below which, beside noise, motions are the same
@@ -26,40 +27,141 @@ _PRIOR_MEAN = np.array([[0.2, 0.0, -0.5, -0.4, -3.0, 0.0, 0.0], [-1.2, 0.0, -3.0
 _PRIOR_SD = np.array([[0.2, 0.2, 1.0, 0.5, 5.0, 1.5, 0.05], [0.8, 0.8, 3.0, 2.0, 15.0, 3.0, 0.1]])
 """Mean and sd of the coefficients of sway and yaw, wider than those of the six shipped vessels."""
 _CHANNELS = ("r", "delta")  # two runs of one manoeuvre differ in the times of the rudder
-_FRACTIONS = np.linspace(-1.0, 1.0, 21)  # of a sample, of the shift
+_STEPS = 8  # of the least-squares shift and rate of a clock
+_ONE_NOISE, _FEWEST_SAMPLES = 0.7, 100  # correlation of the noise of copies, five sd of that of so many samples
+_WHITE = -0.3  # correlation of neighbours among second differences, -2/3 of noise and 1 of a signal, below which noise
+_ROUNDING = 1e-6
+_STATE = ("psi", "u", "v", "r")  # channels that go on at the cut of a run
+_TURNING = 0.1  # of the largest yaw rate, at a cut
+
+
+def run_set_flags(trials: Mapping[str, xr.Dataset], L: float) -> dict[str, str]:
+    """:func:`.quality_flags` of trials by name, with the sentences on the trials as runs of one ship of length L."""
+    flags = quality_flags(list(trials.values()), list(trials) if len(trials) > 1 else ())
+    sentences = [*repeated_runs(trials), *contradicting_runs(trials, L)]
+    if not sentences:
+        return flags
+    remarks = "\n".join(filter(None, [flags["record_remarks"], *sentences]))
+    return {"record_verdict": worst_verdict([flags["record_verdict"], "doubtful"]), "record_remarks": remarks}
 
 
 def repeated_runs(trials: Mapping[str, xr.Dataset]) -> list[str]:
-    """Sentences on pairs of runs, by name, whose motion is the same but for noise and a shift of the clock."""
-    sentences = []
-    for (one, first), (other, second) in combinations(trials.items(), 2):
-        shift = _shift_of_same_motion(first, second)
-        if shift is not None:
-            apart = f", {abs(shift):.3g} s apart" if abs(shift) > max(map(sampling_interval, (first, second))) else ""
-            sentences.append(
-                f"Runs {one} and {other} are the same motion but for noise{apart}: one run, or one by two loggers, "
-                "counts twice and the intervals are too narrow; leave one out."
-            )
-    return sentences
+    """Sentences on pairs of runs, by name, of one motion: the same but for noise and the clock, or mirrored.
+
+    Two runs of a symmetric ship to either side are mirror images, too, but each has its own noise.
+    """
+    pairs = combinations(trials.items(), 2)
+    texts = {(one, other): _of_one_motion(first, second) for (one, first), (other, second) in pairs}
+    return [f"Runs {one} and {other} are {text}; leave one out." for (one, other), text in texts.items() if text]
+
+
+def _of_one_motion(first: xr.Dataset, second: xr.Dataset) -> str:
+    """Words on two runs of one motion; empty for others."""
+    shift, side = _shift_of_same_motion(first, second), _side_of_copy(first, second)
+    if side < 0:
+        return "mirror images with one noise: one is a copy with port for starboard, and shows a symmetry of its own"
+    if shift is None and not side:
+        return ""
+    is_apart = shift is not None and abs(shift) > max(map(sampling_interval, (first, second)))
+    apart = f", {abs(shift):.3g} s apart" if shift is not None and is_apart else ""
+    text = f"the same motion but for noise{apart}: one run, or one by two loggers"
+    return f"{text}, counts twice and the intervals are too narrow"
+
+
+def cut_runs(trials: Mapping[str, xr.Dataset]) -> list[str]:
+    """Sentences on runs, by name, of which one begins in the middle of a turn in which another ends."""
+    return [
+        f"Run {other} goes on with run {one}, cut in a turn: both have one weather and loading, and a forecast of one "
+        "by the other seems too good; give them as one file."
+        for one, other in permutations(trials, 2)
+        if _goes_on(trials[one], trials[other])
+    ]
+
+
+def _side_of_copy(first: xr.Dataset, second: xr.Dataset) -> int:
+    """1 for a yaw rate that is a copy of another, noise included, -1 for a mirrored copy, 0 for none.
+
+    Unit, offset and clock of the copy are free, and so is the rudder.
+    """
+    if "r" not in first or "r" not in second:
+        return 0
+    one, other = first["r"].values, second["r"].values
+    noise = [_noise(values) for values in (one, other)]
+    if not all(values.any() for values in noise):
+        return 0
+    product = np.abs(scipy.signal.correlate(noise[1], noise[0], mode="full", method="fft"))
+    lag = int(np.argmax(product)) + 1 - noise[0].size
+    begin, end = max(0, -lag), min(noise[0].size, noise[1].size - lag)
+    if end - begin < _FEWEST_SAMPLES:
+        return 0
+    same_noise, motion = (
+        np.corrcoef(values[begin:end], others[begin + lag : end + lag])[0, 1]
+        for values, others in (noise, (one, other))
+    )
+    pair = [values - values.mean() for values in (one[begin:end], other[begin + lag : end + lag])]
+    left = pair[1] - (pair[0] @ pair[1]) / (pair[0] @ pair[0]) * pair[0]
+    least = 0.5 * left.std() - _ROUNDING * pair[1].std()
+    is_noise = second_difference_sd(left[None])[0] >= least  # not the difference of two motions
+    is_copy = same_noise * motion > 0.0 and min(abs(same_noise), abs(motion)) > _ONE_NOISE and is_noise
+    return int(np.sign(motion)) if is_copy else 0
+
+
+def _noise(values: np.ndarray) -> np.ndarray:
+    """Second differences, clipped at three robust standard deviations; 0 where they are the signal."""
+    differences = np.diff(values, 2)
+    limit = 3.0 * float(np.median(np.abs(differences))) / 0.6745
+    clipped = np.clip(differences, -limit, limit)
+    return clipped if clipped[1:] @ clipped[:-1] < _WHITE * (clipped @ clipped) else 0.0 * clipped
+
+
+def _goes_on(first: xr.Dataset, second: xr.Dataset) -> bool:
+    """Whether a turn that the end of a run breaks off goes on at the beginning of another, in every channel."""
+    step = sampling_interval(first)
+    if not {*_STATE} <= {*first} & {*second} or abs(sampling_interval(second) / step - 1.0) > SAME:
+        return False
+    ends = np.array([np.r_[first[name].values[-2:], second[name].values[:2]] for name in _STATE])
+    ends[0] = np.unwrap(ends[0])
+    sd = np.array([np.std(np.diff(first[name].values, 2)) for name in _STATE])
+    turns = abs(ends[-1].mean()) > max(_TURNING * float(np.abs(first["r"].values).max()), SIGNIFICANT * sd[-1])
+    return bool(turns and (np.abs(np.diff(ends, 2)) <= SIGNIFICANT * sd[:, None]).all())
 
 
 def _shift_of_same_motion(first: xr.Dataset, second: xr.Dataset) -> float | None:
-    """Time [s] by which the second run is later, if half of the shorter run or more is of one motion; else None."""
+    """Time [s] by which the second run is later, if half of the shorter run or more is of one motion; else None.
+
+    The rudder is compared up to a zero, a sign and a range.
+    """
     if not set(_CHANNELS) <= {*first} & {*second}:
         return None
     step = max(sampling_interval(first), sampling_interval(second))
     one, other = (_resampled(trial, step) for trial in (first, second))
-    lag = _closest_lag(one[0], other[0])
+    shift, here, there = _on_one_clock(one, other)
+    here[1], there[1] = (values - values.mean() for values in (here[1], there[1]))
+    there[1] *= (here[1] @ there[1]) / max(there[1] @ there[1], np.finfo(float).tiny)  # zero and range of an indicator
     sd = np.maximum(one.std(axis=1), other.std(axis=1))
     noise = np.hypot(second_difference_sd(one), second_difference_sd(other))
-    for shift in lag + _FRACTIONS:
-        at = np.arange(one.shape[1]) + shift
-        inside = (at >= 0.0) & (at <= other.shape[1] - 1.0)
-        moved = np.array([np.interp(at[inside], np.arange(other.shape[1]), values) for values in other])
-        difference = np.sqrt(np.mean((moved - one[:, inside]) ** 2, axis=1))
-        if (difference <= 1.5 * noise + SAME * sd).all():
-            return float(shift * step + second["time"].values[0] - first["time"].values[0])
-    return None
+    if (np.sqrt(np.mean((there - here) ** 2, axis=1)) > 1.5 * noise + SAME * sd).any():
+        return None
+    return shift * step + float(second["time"].values[0] - first["time"].values[0])
+
+
+def _on_one_clock(one: np.ndarray, other: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Shift in samples of a second run, and the overlap of both (n_channels, n) with the yaw rates nearest.
+
+    Least squares of the shift and of the rate of the clock, which is within :data:`SAME` of 1.
+    """
+    lag = _closest_lag(one[0], other[0])
+    k, index = np.arange(one.shape[1]), np.arange(other.shape[1])
+    shift, rate = float(lag), 1.0
+    for _ in range(_STEPS):
+        at = shift + rate * k
+        inside = (at >= 0.0) & (at <= index[-1])
+        moved = np.array([np.interp(at[inside], index, values) for values in other])
+        slope = np.interp(at[inside], index, np.gradient(other[0]))
+        later, faster = np.linalg.lstsq(np.column_stack([slope, slope * k[inside]]), one[0, inside] - moved[0])[0]
+        shift = float(np.clip(shift + later, lag - 1.0 - SAME * k.size, lag + 1.0 + SAME * k.size))
+        rate = float(np.clip(rate + faster, 1.0 - SAME, 1.0 + SAME))
+    return shift, one[:, inside], moved
 
 
 def _closest_lag(one: np.ndarray, other: np.ndarray) -> int:

@@ -24,7 +24,7 @@ from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
-from pymc_ship.records.checks.run_set import contradicting_runs, repeated_runs
+from pymc_ship.records.checks.run_set import contradicting_runs, cut_runs, repeated_runs
 from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
@@ -197,6 +197,7 @@ def identify_ship(
     remarks = [
         *mirror_remarks(by_name),
         *repeated_runs(by_name),
+        *cut_runs(by_name),
         *contradictions,
         *vessel_remarks(fullest_vessel),
         *(refusal.sentence for refusal in refusals),

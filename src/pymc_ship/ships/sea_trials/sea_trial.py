@@ -17,7 +17,7 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.revolutions_and_wind import from_first_course_text
-from pymc_ship.records.checks.run_set import repeated_runs
+from pymc_ship.records.checks.run_set import contradicting_runs, repeated_runs
 from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.current import DriftCurrent, drift_current, ground_speed_text, logged_drift
@@ -149,7 +149,8 @@ def sea_trial(
     unchecked = {name: records[name] for name in winds if "record_remarks" not in records[name].attrs}
     from_first_course = from_first_course_text(unchecked)  # of the others it is among their remarks
     wind_remarks = [*filter(None, [from_first_course]), *model_remarks]
-    doubts = (*quality_remarks(records), *mirror_remarks(records), *repeated_runs(records))
+    doubts = [*quality_remarks(records), *mirror_remarks(records), *repeated_runs(records)]
+    doubts += contradicting_runs(records, vessel.particulars.L)
     return SeaTrial(
         trials=records,
         vessel=vessel,
