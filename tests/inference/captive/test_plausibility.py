@@ -56,6 +56,10 @@ def test_right_tests_are_read(tmp_path):
     assert read(tmp_path, series()).sizes["test"] == len(DRIFT) + len(YAW) + len(RUDDER) + 1
 
 
+def test_drift_at_three_speeds_and_one_number_of_revolutions_is_read(tmp_path):
+    assert read(tmp_path, overloaded()).sizes["test"] == 3 * len(DRIFT)
+
+
 def test_drift_at_two_speeds_is_read(tmp_path):
     columns = at_two_speeds(0.1)
     assert read(tmp_path, columns).sizes["test"] == 2 * len(DRIFT)
@@ -92,6 +96,15 @@ def at_two_speeds(power):
     return {head: np.append(values, half[head]) for head, values in columns.items()}
 
 
+def overloaded(sign=1.0):
+    """Drift alone at three speeds and one number of revolutions, with the sign of X'."""
+    beta, speed = (values.ravel() for values in np.meshgrid(DRIFT, np.array([0.6, 0.8, 1.0])))
+    U, n = speed * vessel().particulars.nominal_speed, np.full(beta.size, 1.513)
+    motion = {"u": U * np.cos(beta), "v": -U * np.sin(beta), "r": 0.0 * U, "delta": 0.0 * U, "n": n}
+    X, Y, N = captive_test_forces(vessel(), motion, reference_coefficients(vessel())[None])[0, :3]
+    return dict(zip(HEADER, (np.rad2deg(beta), 0.0 * U, 0.0 * U, U, n, sign * X, Y, N), strict=True))
+
+
 WRONG = [
     (lambda: changed(N=np.zeros_like), r"N' = 0 in all 15; leave the column out"),
     (lambda: changed(X=lambda values: 0.0 * values - 9.0), r"X' = -9 in all 15"),
@@ -109,6 +122,7 @@ WRONG = [
     (lambda: again(-1.0), "one motion have one force"),
     (lambda: again(2.0), "one motion have one force"),
     (lambda: changed(X=np.negative), "found X' greater by .* X' is positive forward: change its sign"),
+    (lambda: overloaded(-1.0), "pulls more at a lower speed, found X' less by .* there; X' is positive forward"),
     (lambda: about(0.25), "a rudder acts about 0.5 L aft of midship, found N' / Y' = -0.7"),
     (lambda: drift_alone("N'"), "N' turns the bow away .* found -.* times .* change its sign, or set frame.reference"),
     (lambda: at_two_speeds(2.0), "Y' of one drift as the power 2 of the speed; divide each force by its own"),

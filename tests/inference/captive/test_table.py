@@ -61,10 +61,11 @@ def test_rows_that_stand_there_twice_count_once(read):
     assert "1 repeated rows" in tests.attrs["reading"]
 
 
-def test_a_speed_in_knots_without_a_unit_is_refused(read):
+def test_a_speed_in_knots_without_their_unit_is_refused(read):
     rows = ("0,15.5,3e-3", "8,15.5,2e-3")
-    with refused(ps.TrialError, "speed", 1.94):
-        read(*rows, header="beta [deg],speed,Y'")
+    for unit in ("", " [m/s]"):
+        with refused(ps.TrialError, "speed", 1.94):
+            read(*rows, header=f"beta [deg],speed{unit},Y'")
     assert read(*rows, header="beta [deg],speed [kn],Y'").sizes["test"] == 2
 
 

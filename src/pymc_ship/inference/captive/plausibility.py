@@ -38,7 +38,7 @@ def check_captive_tests(tests: xr.Dataset, vessel: Vessel, path: object, beta: n
     are compared with the hull database where three tests vary one of them alone; the rudder in sign and lever.
     """
     fault = _columns(tests) or _units(tests, vessel, beta) or _contradictions(tests, vessel)
-    fault = fault or _forces(tests, vessel)
+    fault = fault or _forces(tests, vessel) or _thrust(tests, vessel)
     if fault:
         raise TrialError(f"{path}: {fault}")
 
@@ -136,6 +136,23 @@ def _resistance(tests: xr.Dataset, rudder: np.ndarray, straight: np.ndarray) -> 
     return (
         f"a rudder angle adds to the resistance, found X' greater by {max(more):.3g} than on the straight course; "
         "X' is positive forward: change its sign."
+    )
+
+
+def _thrust(tests: xr.Dataset, vessel: Vessel) -> str:
+    """X' of one motion and revolutions at several speeds: the thrust over U^2 falls with the speed."""
+    if not {"X", "n"} <= {*tests}:
+        return ""
+    speed, X, n = np.hypot(tests["u"].values, tests["v"].values), tests["X"].values, tests["n"].values
+    motion = [tests["v"].values / speed, tests["r"].values * vessel.particulars.L / speed, tests["delta"].values, n]
+    _, groups = np.unique(np.round(np.column_stack(motion), 3), axis=0, return_inverse=True)
+    same = (groups.ravel()[:, None] == groups.ravel()) & (n > 0.0)
+    slow, fast = np.nonzero(same & (speed[:, None] * _FASTER < speed))
+    if slow.size < _FEWEST or np.mean(X[slow] < X[fast]) < _LESS_RESISTANCE:
+        return ""
+    return (
+        "a propeller at the same revolutions pulls more at a lower speed, found X' less by "
+        f"{max(X[fast] - X[slow]):.3g} there; X' is positive forward: change its sign."
     )
 
 

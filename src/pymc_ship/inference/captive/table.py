@@ -104,10 +104,11 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
 
 
 def _check_speed(ratio: float, column: Column, nominal: float, scaled: bool, path: Path) -> None:
-    if not column.unit and abs(ratio / _KNOTS - 1.0) < _NEAR:
+    if column.factor == 1.0 and abs(ratio / _KNOTS - 1.0) < _NEAR:
         raise TrialError(
-            f"{path}, column {column.heading!r}: a speed without a unit is in m/s, found a median of {ratio:.3g} times "
-            "the ship's nominal one, as in knots; write speed [kn], or speed [m/s]."
+            f"{path}, column {column.heading!r}: a speed{'' if column.unit else ' without a unit'} is in m/s, found a "
+            f"median of {ratio:.3g} times the ship's nominal one, as in knots; write speed [kn], or correct the "
+            "nominal speed of the vessel file."
         )
     slowest, fastest = _SPEEDS
     if not (slowest if scaled else _OF_A_MODEL) < ratio < fastest:
