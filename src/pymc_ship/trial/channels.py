@@ -85,11 +85,12 @@ _HEADINGS = {  # other names of each channel in files
     "time": (
         "t, elapsed time, timestamp, time stamp, datetime, date time, date/time, utc, utc time, time utc, "
         "date/time utc, gps time, local time, sec, secs, seconds, stamp sec, stamp secs, elapsed, time since start, "
-        "date and time, time of day, clock, clock time, header stamp sec, header stamp secs, field header stamp secs"
+        "date and time, date & time, time of day, clock, clock time, header stamp sec, header stamp secs, "
+        "field header stamp secs"
     ),
     "u": (
-        "stw, speed through water, log speed, u velo, surge, surge velocity, surge speed, longitudinal velocity, "
-        "longitudinal speed, linear x"
+        "stw, speed through water, water speed, log speed, u velo, surge, surge velocity, surge speed, "
+        "longitudinal velocity, longitudinal speed, linear x"
     ),
     "v": "vm velo, sway, sway velocity, sway speed, transverse velocity, transverse speed, lateral velocity, linear y",
     "r": (

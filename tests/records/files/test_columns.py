@@ -244,6 +244,25 @@ def test_a_unit_that_cannot_be_told_matters_only_where_no_other_column_has_the_c
     assert notes == ["Columns left out: ROT, Heading [gon]."]
 
 
+@pytest.mark.parametrize(
+    ("heading", "words"),
+    [("Speed (kts)", "STW"), ("SPEED", "SOG"), ("Ship speed [kn]", "STW"), ("Rudder stbd (°)", "if it is delta")],
+)
+def test_a_heading_that_may_be_a_channel_has_a_remark(heading, words):
+    """Ship speed is no shaft speed, to which its letters are near."""
+    _, notes = matched("psi [deg]", heading)
+    assert words in notes[-1]
+    assert "did you mean" not in notes[-1]
+    _, notes = matched("psi [deg]", "STW [kn]", "delta [deg]", heading)
+    assert notes[-1].endswith(f"left out: {heading}.")
+
+
+def test_a_v_without_u_may_be_the_speed_of_the_ship():
+    assert any("call it u" in note for note in matched("v [kn]", "psi [deg]")[1])
+    assert not any("call it u" in note for note in matched("v [kn]", "u [kn]")[1])
+    assert "u" in matched("Water speed (kn)")[0]
+
+
 def test_two_columns_of_a_channel():
     """Neither is preferred unless it bears the very name; a format decides."""
     with refused(ps.TrialError, "psi", "yaw_deg"):

@@ -39,6 +39,27 @@ class TestText:
         assert_same(trial, run)
         assert trial.attrs["reading"] == "Decimal commas read as points."
 
+    def test_a_counter_of_rows_is_no_channel(self, run, read):
+        table = columns(run)
+        trial = read(written({"n": np.arange(len(run["time"])), **table}))
+        assert "n" not in trial
+        assert trial.attrs["reading"] == "'n' counts the rows: left out."
+        trial = read(written({**table, "n": np.arange(len(run["time"]))}), format={"columns": {"n": "n"}})
+        assert trial["n"].values[-1] == len(run["time"]) - 1
+
+    def test_a_date_and_a_time_of_one_heading(self, run, read):
+        """In columns between white space they are two cells."""
+        rows = ["Timestamp u[m/s] psi[deg]"]
+        rows += [f"31.01.2026 08:00:{k:02d} {float(run['u'].values[k])!r} {k}" for k in range(20)]
+        trial = read("\n".join(rows))
+        np.testing.assert_array_equal(trial["time"], np.arange(20.0))
+        np.testing.assert_array_equal(trial["u"], run["u"].values[:20])
+
+    def test_a_zone_or_a_pattern_stands_in_a_row_of_units(self, read):
+        for unit in ("UTC", "hh:mm:ss AM/PM", "[hh:mm:ss]"):
+            trial = read(f"Time,Heading,STW\n{unit},deg,kn\n1:00:00 PM,1,2\n1:00:01 PM,1,2\n1:00:02 PM,1,2\n")
+            np.testing.assert_allclose(trial["u"], 2.0 * 1852.0 / 3600.0)
+
     def test_units_and_hemispheres_behind_the_numbers(self, run, tmp_path):
         """As loggers with a display write: 15.5 kn, 12.1°, 53.49 N."""
         path = tmp_path / "display.csv"

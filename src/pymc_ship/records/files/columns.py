@@ -19,10 +19,9 @@ from pymc_ship.trial.units import METRE_PER_SECOND, PURE_NUMBER, RADIAN, spellin
 _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/s2", "deg/s2", "rad/s2", "g", "volt"))
 """Units of quantities that are not channels of a trial, such as power P or temperature T."""
 
-
-_OF_CLOCK = re.compile(
+OF_CLOCK = re.compile(
     r"(?:(?:ut|utc|gmt|[a-z]{2,3}t)?(?:[-+]\d{1,2}(?::?\d{2})?)?|z|lt|(?:local|ship)(?: time)?|iso(?:[ -]?8601)?"
-    r"|(?:(?:%[a-z]|[ymdhsf]{2,4}|[hms](?=:|$))(?:[-:/., t]+|$)){2,}|hhmmss(?:\.s+)?)",
+    r"|(?:(?:%[a-z]|[ymdhsf]{2,4}|min|[ap]m(?:/[ap]m)?|[hms](?=:|$))(?:[-:/., t]+|$)){2,}|hhmmss(?:\.s+)?)",
     re.IGNORECASE,
 )
 """Zones, and patterns of dates and times, that stand for a unit of time and are none."""
@@ -49,6 +48,8 @@ _OF_MINUTES = re.compile(r"d{2,3}m{2}\.m+", re.IGNORECASE)  # unit of degrees an
 
 _SHIP_SPEED = "the speed of the ship"
 """What the surge velocity is known by in a column V, the symbol of ITTC."""
+
+_SPEED = re.compile(r"(?:(?:ship|ship's|vessel|boat) )?speed")  # through water or over ground
 
 _PART = re.compile(r"(?:^|[ /])(position|orientation|linear|angular|angular velocity)[ /]([xyzw])$")
 _ROS_FIELD = re.compile(
@@ -320,7 +321,7 @@ def _unit_of(name: str, stated: str) -> str | None:
     channels = _channels_named(name)
     if any(one.name in _DIRECTIONS for one in channels) and stated.lower() in ("t", "true"):
         return "°T"
-    return None if not stated or (TIME in channels and _OF_CLOCK.fullmatch(stated)) else stated
+    return None if not stated or (TIME in channels and OF_CLOCK.fullmatch(stated)) else stated
 
 
 def plain_name(name: str) -> str:
@@ -370,7 +371,14 @@ def nearest_heading(heading: str, matched: Mapping[str, Column]) -> str:
         name = _SHIP_SPEED if heading == "V" else f"the channel {channels[0].name}"
         return f" (a capital letter without a unit; for {name}, write {_with_unit(heading)})"
     lacking = [one for name, one in quantities().items() if name not in matched]
-    name, known = name_and_unit(heading)[0], [word for one in lacking for word in (one.name, *one.headings)]
+    name, unit = name_and_unit(heading)
+    if _SPEED.fullmatch(name):
+        remark = f" ({_SHIP_SPEED}: write STW for the one through water, SOG for the one over ground)"
+        return remark if {"u", "sog"}.isdisjoint(matched) else ""
+    known = [word for one in lacking for word in (one.name, *one.headings)]
+    for one in lacking:
+        if unit and one.unit.factor(unit) and name.startswith(one.headings):
+            return f" (if it is {one.name}, name it in a format file)"
     return "" if name.lower() in map(str.lower, known) else did_you_mean(name, known)
 
 
@@ -463,6 +471,8 @@ def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[s
     notes = [f"Columns read: {', '.join(read)}."] if read else []
     if "u" in columns and columns["u"].named_by == _SHIP_SPEED:
         notes.append(f"{columns['u'].heading!r} taken as {_SHIP_SPEED}, which is u but for drift; for v, write v.")
+    elif {"v", "psi"} <= columns.keys() and {"u", "sog", "x"}.isdisjoint(columns):
+        notes.append(f"{columns['v'].heading!r} taken as the sway velocity v; if it is {_SHIP_SPEED}, call it u.")
     if is_over_ground(columns) and name_and_unit(columns["cog"].heading)[0] == "course":
         notes.append(f"{columns['cog'].heading!r} taken as course over ground; rename the column if it is a set one.")
     return [*notes, f"Columns left out: {', '.join(left_out)}."] if left_out else notes

@@ -30,6 +30,7 @@ from pymc_ship.records.files.clock import (
 from pymc_ship.records.files.columns import (
     GROUND,
     MISSING_CELLS,
+    OF_CLOCK,
     PAIRS,
     ROS,
     Column,
@@ -70,9 +71,11 @@ from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_
 _COMMENTS = ("#", "%")
 _FEWEST_LINES, _MOST_TITLES = 4, 200  # lines of a table that have titles before the header, and the most of these
 _LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
+_COUNTED = 1000  # rows by which a counter is known
 _SIDES = ("port", "starboard")
 _OPEN_QUOTE = re.compile(r'(?:^|[,;\t])"[^"]*$')  # of a cell that goes on in the next line
 _BEGIN_OF_STAMP = re.compile(r"\s*\d+[-:/.]\d")
+_DATE_AND_TIME = re.compile(r"(\d[-/.]\d+) +(\d+:\d)")  # of one heading, in columns between white space
 _REPEATED = 1.5  # rows of one stamp, in the mean, from which another clock precedes
 _AROUND_UNITS = " []{}()-"
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
@@ -169,11 +172,23 @@ def _chosen_columns(
     unstated, coarse = layout.unstated_units, _coarse(table)
     columns, notes = matched_columns(table.headings, table.units, layout.columns, where, unstated, coarse)
     columns, minute_notes = with_minutes(columns, table.rows)
-    notes += minute_notes
+    counters = [one for one in columns.values() if _is_counter(one, table.rows)]
+    notes += minute_notes + [f"{one.heading!r} counts the rows: left out." for one in counters]
+    columns = {name: one for name, one in columns.items() if one not in counters}
     if not layout.convention and any(column.named_by == ROS for column in columns.values()):
         layout = replace(layout, convention="enu-flu")
         notes.append('Axes of ROS: x east, y north, v to port; for others, state the convention, such as "ned".')
     return columns, layout, [*table.notes, *notes]
+
+
+def _is_counter(column: Column, rows: list[list[str]]) -> bool:
+    """Whether a column of no stated unit, other than the time, has the number of each row, as an n may."""
+    if column.stated or column.channel == TIME.name or column.named_by == "the format file":
+        return False
+    numbers = np.array(cell_numbers([row[column.index].strip() for row in rows[:_COUNTED]]), dtype=float)
+    if numbers.size <= _FEWEST_LINES or not np.isfinite(numbers[0]):
+        return False
+    return np.array_equal(numbers, numbers[0] + np.arange(numbers.size))
 
 
 def _time_series(
@@ -281,6 +296,8 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
     if len(content) < 3:
         raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(content)} lines; check it.")
     delimiter = layout.delimiter or _delimiter(content[0][1])
+    if delimiter == " " and len(content[-1][1].split()) == len(content[0][1].split()) + 1:
+        content = [(number, _DATE_AND_TIME.sub(r"\1T\2", line)) for number, line in content]
     first = _cells_of_line(content[1][1], delimiter)
     check_size(path, [len(content)] * len(first))
     heads = [line.strip() for _, line in content[: 2 if _is_unit_row(first) else 1]]
@@ -433,7 +450,8 @@ def _heading(text: str) -> str:
 def _is_unit_row(cells: list[str]) -> bool:
     if not any(map(is_unit, cells)) or any(map(_is_number, cells)):
         return False
-    return not any(channels_of(cell) and not is_unit(cell) for cell in cells)
+    named = [cell for cell in cells if channels_of(cell) and not is_unit(cell)]
+    return all(OF_CLOCK.fullmatch(cell.strip(_AROUND_UNITS)) for cell in named)
 
 
 def _is_number(cell: str) -> bool:
