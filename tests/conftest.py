@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.pages import drawing
 from tests.inference.trajectory.cases import record, unmodelled_roll_text
 from tests.physics.vessel.cases import small_vessel
 
@@ -13,6 +14,13 @@ from tests.physics.vessel.cases import small_vessel
 @pytest.fixture(scope="session")
 def container():
     return ps.load_vessel("container")
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages whose figures are made but not drawn, for tests of the text around them."""
+    monkeypatch.setattr(drawing, "svg", lambda figure, name: "<svg></svg>")
+    monkeypatch.setattr(drawing, "png", lambda figure, dpi: b"")
 
 
 @pytest.fixture(scope="session")

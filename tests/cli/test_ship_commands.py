@@ -49,6 +49,7 @@ class TestIdentify:
         assert "pymc-ship" in index["made_by"]
         assert not list(identified.glob(".*"))
 
+    @pytest.mark.usefixtures("undrawn")
     def test_an_earlier_report_is_a_prior(self, identified, tmp_path, capsys):
         words = ["identify", CIRCLE, *COMMON, *VESSEL, "--prior", str(identified), "--draws", "40", "--quiet"]
         assert main([*words, "--out", str(tmp_path / "both")]) == 0
@@ -79,6 +80,7 @@ class TestIdentify:
         )
         assert (np.abs(mean.values - values) < 5.0 * sd.values / np.sqrt(200.0)).mean() > 0.9
 
+    @pytest.mark.usefixtures("undrawn")
     def test_forecast_writes_a_page_with_the_circle_that_was_measured(self, identified, tmp_path, capsys):
         words = ["forecast", str(identified), "--turn", "35", "--side", "starboard", "--draws", "100", *COMMON]
         assert main([*words, "--measured", CIRCLE, "--quiet", "--out", str(tmp_path)]) == 0
@@ -89,6 +91,7 @@ class TestIdentify:
         assert "Turning circle 35 starboard" in (tmp_path / "forecast.html").read_text()
         assert (tmp_path / "tables").is_dir()
 
+    @pytest.mark.usefixtures("undrawn")
     def test_both_sides_are_forecast_into_the_ships_own_folder(self, identified, capsys):
         assert main(["forecast", str(identified), "--zigzag", "10/10", "--draws", "20", "--quiet"]) == 0
         text = capsys.readouterr().out

@@ -113,6 +113,7 @@ def test_the_same_seed_gives_the_same_page(good, tmp_path):
     assert first == second
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["one chain", "one coefficient", "stuck"])
 def test_a_poor_posterior_is_still_reported(tmp_path, case):

@@ -243,6 +243,7 @@ def test_a_sampler_shows_chains_and_energy():
 # several posteriors, and those of another vessel
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_regressions_and_trajectories_share_a_page(tmp_path):
     bare = without(short_posterior(), "log_likelihood", "log_prior", "observed_data", "constant_data")

@@ -19,6 +19,7 @@ def posterior_of(made, small):
     return {dof: ps.read_posterior(made / "identified" / f"{dof}-conjugate.nc") for dof in small.dofs}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_forecast_writes_a_page_and_prints_indices_beside_the_reference(made, small, tmp_path, capsys):
     words = ("--vessel", made / "small.toml", "--draws", 30, "--duration", 150, "--side", "starboard")
     run("forecast", made / "identified", *words, "--zigzag", "10/10", "--turn", 35, "--turn", 20, "--out", tmp_path)
@@ -56,6 +57,7 @@ def test_forecast_writes_a_page_and_prints_indices_beside_the_reference(made, sm
     assert expected[1] < expected[2] < expected[3]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_forecast_counts_diverged_ships(made, small, tmp_path, capsys):
     """A quarter of the draws gets a surge coefficient that runs away."""
     for dof in small.dofs:
@@ -68,6 +70,7 @@ def test_forecast_counts_diverged_ships(made, small, tmp_path, capsys):
     assert "200 draws, 25 % diverged" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("ending", ["nc", "zarr"])
 def test_forecast_takes_a_joint_posterior_and_says_what_it_extrapolates(made, small, tmp_path, capsys, ending):
     """Shares stand above the indices, the sentence below them and on the page."""
@@ -87,6 +90,7 @@ def test_forecast_takes_a_joint_posterior_and_says_what_it_extrapolates(made, sm
     assert unescape(found.attrs["extrapolation"]) in unescape((tmp_path / "out" / "forecast.html").read_text())
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("ending", ["nc", "zarr"])
 def test_the_page_of_a_posterior_stands_beside_its_file(made, small, tmp_path, ending):
     ps.write_posterior(joint_posterior(made, small), tmp_path / f"joint.{ending}")
@@ -95,6 +99,7 @@ def test_the_page_of_a_posterior_stands_beside_its_file(made, small, tmp_path, e
     assert (tmp_path / "forecast.html").is_file()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_posterior_has_the_options_of_a_ship(made, small, tmp_path, capsys):
     """A current carries it, a measured trial stands beside it, a spiral is told; it does not know revolutions."""
     run("simulate", made / "small.toml", "--zigzag", "10/10", "--duration", 250, "--out", tmp_path / "zigzag.csv")
@@ -135,6 +140,7 @@ def joint_posterior(made, small):
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs={"vessel": "small"}), **groups})
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_the_round_trip_forecasts_the_reference_ship(tmp_path, capsys, monkeypatch):
     """Simulate, denoise, identify with the evidence maximum, forecast: 1 % of noise, the paper's ship and record."""

@@ -38,6 +38,7 @@ def test_a_roll_that_the_vessel_file_does_not_have_is_told_before_the_work_begin
     assert f"\n{rolling}: The record has roll rate p and roll angle φ, but the vessel" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_overruled_check_is_named_in_text_posterior_and_page(made, flipped, tmp_path, capsys):
     out, words = tmp_path / "out", ("--family", "conjugate", "--draws", 400, "--overrule", "rudder sign")
     run("regress", flipped, "--vessel", made / "small.toml", *words, "--out", out)
@@ -77,6 +78,7 @@ def test_only_a_check_can_be_overruled(made, tmp_path, capsys):
     assert "A check to overrule is one of " in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("command", ["score", "trial-report", "forecast"])
 def test_measured_numbers_come_with_the_doubts_on_their_record(made, small, tmp_path, capsys, command):
     """On the page and, in spite of --quiet, in the text."""

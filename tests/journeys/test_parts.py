@@ -47,6 +47,7 @@ def test_its_turn_is_forecast(posterior):
     assert lower < exact < upper
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_its_posterior_is_diagnosed(posterior, tmp_path):
     text = ps.diagnostic_report({"tanker": posterior}, tmp_path, tanker(AHEAD)).read_text(encoding="utf-8")
     assert "Parts, parameters times 1e5" in text

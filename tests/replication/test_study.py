@@ -335,6 +335,7 @@ def test_rendering_twice_gives_the_same_page(result, text):
     assert plt.get_fignums() == []
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_follows_its_result(result, text, monkeypatch):
     """The broken twin of the last: another seed, and the images of the chains left out to save time."""
     monkeypatch.setattr(report, "_trace_figures", lambda result: [])
@@ -368,6 +369,7 @@ def test_a_section_draws_the_exact_posterior_and_the_chains_of_nuts(diagnosed, r
     assert "quantities move with the prior" in diagnosed.text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_study_whose_chains_fail_says_where_and_writes_both_pages(result, tmp_path, monkeypatch):
     """One chain of NUTS stands elsewhere; the study itself holds."""
     tree = result.draws["conjugate"]["nuts"]["yaw"]

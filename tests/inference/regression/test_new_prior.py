@@ -200,6 +200,7 @@ def test_the_contraction_is_from_its_own_prior_variance():
     np.testing.assert_allclose(contraction(tree)["prior_sd"], expected, rtol=1e-12)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_page_has_a_section_of_it(tmp_path):
     chains = ps.gibbs_posterior(scaled(), ridge(), draws=500, rng=np.random.default_rng(8))
     page = ps.diagnostic_report({"exact": drawn(ridge(), 2000), "gibbs": chains, "own": drawn(root())}, tmp_path)

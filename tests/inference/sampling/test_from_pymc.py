@@ -76,6 +76,7 @@ def test_arviz_takes_the_tree(path):
     assert az.rhat(tree, var_names=["coefficients"])["coefficients"].max() < 1.05
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("path", ["own", HORSESHOE])
 def test_the_tree_is_reported(path, tmp_path):
     page = ps.diagnostic_report({path: tree_by(path)}, tmp_path)

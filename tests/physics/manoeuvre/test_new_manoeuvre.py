@@ -159,6 +159,7 @@ class TestForecast:
         lower, median, upper = tree["index_bands"]["time_to_half_rate"].values
         assert 0.0 < lower < median < upper
 
+    @pytest.mark.usefixtures("undrawn")
     def test_the_page_shows_it_beside_a_measured_one(self, container, rudder_kick, tree, tmp_path):
         measured = {"rudder kick 20/40 starboard": trial(container, rudder_kick, DURATION)[1]}
         page = write_forecast_page(container, {tree.attrs["label"]: tree}, tmp_path, measured=measured)
@@ -177,6 +178,7 @@ class TestForecast:
         assert float(rows["time to midships"]["error"]) < 10.0
         assert float(rows["time to half rate"]["reached"]) < 1.0
 
+    @pytest.mark.usefixtures("undrawn")
     def test_the_page_copes_where_no_ship_reaches_the_event(self, container, rudder_kick, tmp_path):
         short = forecast(container, rudder_kick, 20.0)
         assert {row["reached"] for row in index_rows(short, container)} == {0.0}
@@ -226,6 +228,7 @@ class TestWords:
         record = ps.read_trial(out)
         assert float(record["delta"].min()) == pytest.approx(np.deg2rad(-20.0), rel=1e-6)
 
+    @pytest.mark.usefixtures("undrawn")
     @pytest.mark.parametrize(
         "kind", [RUDDER_KICK, replace(RUDDER_KICK, indices={}, recognise=None)], ids=["", "no indices"]
     )

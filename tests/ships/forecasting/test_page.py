@@ -238,6 +238,7 @@ def test_what_was_not_measured_has_a_dash():
     assert shown[0].endswith(" deg")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_measured_value_outside_its_interval_is_named_before_and_within_the_verdict(tmp_path):
     """The forecast is so much off that advance and tactical diameter lie outside; the probability stays as it was."""
     name = "turning circle 35 port"
@@ -265,6 +266,7 @@ def test_a_measured_value_outside_its_interval_is_named_before_and_within_the_ve
     assert "outside the interval" not in covered
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_draws_and_prior_stand_before_the_first_section(tmp_path):
     ship = ship_of((vessel(), scattered(vessel(), 6)), index_error={}, prior="order_damped")
     text = without_figures(write_forecast_page(ship, forecasts(), tmp_path))

@@ -133,6 +133,7 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_runs_of_another_facility_are_named_with_their_format(files, tmp_path, capsys):
     words = ["identify", str(files / "run0.csv"), str(files / "run2.csv"), "--format", str(files / "A.toml")]
     words += ["--facility", str(files / "B.toml"), str(files / "run1.csv"), "--vessel", "kvlcc2"]

@@ -279,6 +279,7 @@ def renamed():
     return found, *({names[name]: found[name] for name in runs()} for found in (runs(), checks()))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_text_is_escaped_and_remarks_stand_where_they_belong(tmp_path):
     ship, trials, made = renamed()
     page = written(tmp_path, ship=ship, trials=trials, made=made)
@@ -293,6 +294,7 @@ def test_text_is_escaped_and_remarks_stand_where_they_belong(tmp_path):
     assert begin[2] < plain.index("Another remark") < begin[3]
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_no_held_out_manoeuvre_no_table_of_it(tmp_path):
     """What an earlier page left in the folder goes, what is not the page's own stays."""
@@ -328,6 +330,7 @@ def test_term_sets_may_differ_in_their_channels(tmp_path):
     assert shown == {best.name: "0.250", other.name: "–"}
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_a_single_run_is_reported_by_its_windows(tmp_path):
     trials = {"a": runs()["a"]}

@@ -81,6 +81,7 @@ def test_the_page_shows_every_refused_set_and_the_doubts(tanker, refusals, tmp_p
     assert float(rows[1]["time"]) == pytest.approx(refusals[1].failure.time)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_a_ship_of_other_sets_has_a_section_on_those_that_were_refused(refusals, tmp_path):
     """And none where no set was refused."""

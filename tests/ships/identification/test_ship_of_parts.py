@@ -73,6 +73,7 @@ def test_the_circle_is_forecast_from_the_zigzags(truth, ship):
     assert abs(median / exact - 1.0) < 0.08
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_shows_every_free_parameter_with_what_was_known_of_it(identification, trials, truth, tmp_path):
     named = dict(zip(identification.names, trials, strict=True))
     write_ship_report(identification, named, {}, tmp_path, command="", seed=1, given=truth)
