@@ -11,7 +11,7 @@ SIDE_BY_SIDE += --no-loadscope-reorder
 # Every worker and every command of a test imports the same modules: one of them compiles, the others read.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: study frontier foreign test test-fast consistency lint kernels bench docs clean
+.PHONY: study frontier foreign test test-fast consistency lint collected kernels bench docs clean
 
 study: $(STAMP)  ## the paper's study on the container ship -> reports/study/index.html
 	$(VENV)/bin/pymc-ship study --out reports/study
@@ -23,7 +23,7 @@ foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour 
 	$(PYTHON) -m studies.foreign.run
 
 test: $(STAMP)  ## lint, then every test, a file at a time on each core
-	$(MAKE) --jobs 2 lint kernels
+	$(MAKE) --jobs 2 collected kernels
 	$(SIDE_BY_SIDE)
 
 test-fast: $(STAMP)  ## without the slow tests, under seven minutes on two cores
@@ -36,6 +36,10 @@ lint: $(STAMP)  ## style and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+
+# On the core that kernels leave: the workers of a test run read what this compiled. A fault here is one of theirs.
+collected: lint
+	-$(PYTHON) -m pytest -qq --collect-only > /dev/null
 
 kernels: $(STAMP)  ## compile the kernels of the commands, once for all
 	folder=$$(mktemp -d) && cd $$folder && \
