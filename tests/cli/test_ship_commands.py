@@ -99,6 +99,7 @@ class TestIdentify:
         assert "zigzag 10/10 starboard:" in text
         assert (identified / "forecast.html").is_file()
 
+    @pytest.mark.usefixtures("undrawn")
     def test_the_same_seed_gives_the_same_forecast(self, identified, capsys, tmp_path):
         words = ["forecast", str(identified), "--zigzag", "20/20", "--draws", "20", "--quiet", "--out", str(tmp_path)]
         texts = []
