@@ -87,10 +87,15 @@ METRE_PER_SECOND = Unit(
 )
 RADIAN = Unit(
     "rad",
-    {"rad": 1.0} | dict.fromkeys(("deg", "deg/north", "deg/east", "deg/true", "degtrue", "degt"), _DEG),
+    {"rad": 1.0, "0.1deg": 0.1 * _DEG, "gon": 0.9 * _DEG}
+    | dict.fromkeys(("deg", "deg/north", "deg/east", "deg/true", "degtrue", "degt"), _DEG),
     froude=0.0,
 )
-RADIAN_PER_SECOND = Unit("rad/s", {"rad/s": 1.0, "deg/s": _DEG, "deg/min": _DEG / 60.0}, froude=-0.5)
+RADIAN_PER_SECOND = Unit(
+    "rad/s",
+    {"rad/s": 1.0, "deg/s": _DEG, "deg/min": _DEG / 60.0, "0.1deg/s": 0.1 * _DEG, "0.1deg/min": _DEG / 600.0},
+    froude=-0.5,
+)
 REVOLUTION_PER_SECOND = Unit(
     "rev/s",
     dict.fromkeys(("rev/s", "rps", "hz", "1/s"), 1.0) | dict.fromkeys(("rpm", "rev/min", "1/min", "r/min"), 1 / 60.0),

@@ -25,6 +25,7 @@ from tests.records.checks.cases import (
     [
         (180.0 / np.pi, "probably it is in deg:"),
         (100.0 / np.deg2rad(35.0), "probably it is in percent of its range"),
+        (10.0, "or tenths of a degree: convert it"),
         (np.deg2rad(100.0) / np.deg2rad(35.0), "probably it is in percent of its range"),
     ],
 )

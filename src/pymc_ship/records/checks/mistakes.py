@@ -177,6 +177,15 @@ MISTAKES = (
     _wrong_unit("r", "deg/min", 1.0 / 60.0, converted="deg/s"),
     _wrong_unit("r", "rad/s", 1.0 / _DEG, converted="deg/s"),
     _wrong_unit("psi", "rad", 1.0 / _DEG, converted="deg"),
+    *(
+        Mistake(
+            name,
+            f"{name} is ten times too large, as of tenths of its unit",
+            partial(_scaled, names=name, factor=0.1),
+            f'unit = "0.1 {unit}"',
+        )
+        for name, unit in {"r": "deg/min", "psi": "deg"}.items()
+    ),
     *SIGNS,
     _reversed("p"),
     _reversed("psi", 'heading = "counterclockwise"'),

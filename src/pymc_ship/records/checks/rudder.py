@@ -73,7 +73,9 @@ def rudder_unit_check(trial: xr.Dataset) -> Check:
     if largest > LARGEST_RUDDER:
         text = f"delta reaches {largest:.3g} rad, beyond any rudder; "
         in_degrees = np.rad2deg(largest) > PERCENT and np.deg2rad(largest) <= LARGEST_RUDDER
-        text += f"probably it is in {'deg' if in_degrees else 'percent of its range, or a voltage'}: convert it."
+        reasons = ["deg"] if in_degrees else ["percent of its range", "a voltage"]
+        reasons += ["tenths of a degree"] if np.rad2deg(largest) <= 10.0 * UNUSUAL else []
+        text += f"probably it is in {' or '.join(reasons)}: convert it."
         return Check("rudder unit", "bad", text, numbers)
     if np.rad2deg(largest) > UNUSUAL:
         text = f"delta reaches {np.rad2deg(largest):.3g} deg (ships: up to {UNUSUAL:g}, with a flap 70): "
