@@ -232,6 +232,35 @@ def test_residuals_of_a_posterior_show_the_noise_of_its_data():
     assert stats.kstest(found, "uniform").pvalue > 1e-3
 
 
+def test_residuals_are_in_order_of_time():
+    """Rows in any order of a file show the correlation of neighbours in time."""
+    rng, noise = np.random.default_rng(3), wave()
+    X, order = rng.standard_normal((noise.size, 3)), rng.permutation(noise.size)
+    data = ps.RegressionData.from_arrays(X[order], (X @ TRUTH + noise)[order], time=np.arange(noise.size)[order])
+    found = d.residuals(ps.exact_posterior(data, ps.ConjugatePrior(), rng=1))
+    assert (np.diff(found["time"]) > 0.0).all()
+    assert statistics.whiteness(found.values)["r1"] == pytest.approx(0.9, abs=0.08)
+
+
+def test_a_posterior_in_another_order_has_the_same_residuals(good):
+    _, data, prior = good
+    free = ps.exact_posterior(ps.hold_fixed(data, {"Yc": 0.0}), prior, rng=1)
+    restored = ps.restore_fixed(free, {"Yc": 0.0}, ["Yb", "Yc", "Ya"])
+    d.check_posterior(restored)
+    xr.testing.assert_allclose(d.residuals(d.free_posterior(restored)), d.residuals(free))
+    other = free["posterior"].to_dataset().assign_coords(coefficient=["Yb", "Yd"])
+    renamed = free.assign({"posterior": xr.DataTree(other)})
+    with refused(ValueError, "Yd"):
+        d.check_posterior(renamed)
+
+
+def test_groups_of_a_posterior_are_of_its_draws(good):
+    tree = good[0]
+    part = tree["posterior"].to_dataset().isel(draw=slice(None, None, 10))
+    with refused(ValueError, "log_likelihood"):
+        d.check_posterior(tree.assign({"posterior": xr.DataTree(part)}))
+
+
 # cross-validation, sensitivity and prediction
 
 

@@ -17,6 +17,7 @@ from pymc_ship.diagnostics.regression import DESIGN, data_of, free_posterior, pr
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.priors import ExactPosterior
+from pymc_ship.inference.regression.tree import drawn_coefficients
 from pymc_ship.inference.sampling.error_laws import errors_of
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import ShipError
@@ -95,9 +96,8 @@ def check_trees(what: str, trees: Mapping[str, xr.DataTree]) -> None:
 
 def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> list[str]:
     check_trees("An agreement", posteriors)
-    names_by_method = {
-        method: list(tree["posterior"].dataset["coefficient"].values) for method, tree in posteriors.items()
-    }
+    drawn = {method: drawn_coefficients(tree, f"The posterior {method}") for method, tree in posteriors.items()}
+    names_by_method = {method: list(one["coefficient"].values) for method, one in drawn.items()}
     names = list(getattr(exact, "coefficients", next(iter(names_by_method.values()))))
     for method, coefficients in names_by_method.items():
         if errors_of(posteriors[method]) != "normal":

@@ -13,6 +13,7 @@ from pymc_ship.diagnostics import posterior_statistics
 from pymc_ship.diagnostics.posterior_statistics import CI_PROB, SD_LIMIT, TAILS, check_draws, has
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.regression.tree import drawn_coefficients
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import OWN, errors_of, known_errors_of, log_likelihood_group
 from pymc_ship.inference.sampling.predictive import predictive, prior_draws
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
 _PREDICTIVE = ("prior", "prior_predictive", "posterior_predictive")  # groups of with_predictive
+_SAMPLE = ("chain", "draw")
 _NOISE = {"noise_variance": ("chain", "draw")}  # checked where a tree has it
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
 _WIDTH_DRAWS, _RATIO_DRAWS = 20000, 400  # draws of the prior for the widths of sigma2, and for the predicted rms
@@ -31,6 +33,19 @@ _WIDTH_DRAWS, _RATIO_DRAWS = 20000, 400  # draws of the prior for the widths of 
 def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
     """Raise a ValueError that names what a tree lacks to be a posterior of a regression."""
     check_draws(tree, name, REQUIRED | (_NOISE if has(tree, "posterior/noise_variance") else {}), _ATTRS)
+    drawn = drawn_coefficients(tree, name)
+    for group in ("log_likelihood", "log_prior", "posterior_predictive", "sample_stats"):
+        if group in tree.children and not all(tree[group].indexes[dim].equals(drawn.indexes[dim]) for dim in _SAMPLE):
+            raise ShipError(
+                f"The groups of a posterior have one value a draw, found other chains or draws in {group} of {name}; "
+                "select from or join the whole tree."
+            )
+    others = {*_design_names(tree), *fixed_of(tree)} ^ set(tree["posterior"]["coefficient"].to_numpy().tolist())
+    if others:
+        raise ShipError(
+            f"A posterior has the coefficients of its design_matrix, found {', '.join(sorted(others))} in one of them "
+            f"in {name}; rename both."
+        )
     try:
         prior_of(tree)
         json.loads(tree.attrs["scaling"])["response_scale"]
@@ -44,18 +59,25 @@ def fixed_of(tree: xr.DataTree) -> dict[str, float]:
 
 
 def free_posterior(tree: xr.DataTree) -> xr.DataTree:
-    """Posterior without the coefficients that were fixed, and without predictions that depend on them.
+    """Posterior of the coefficients of the design in its order, without predictions that depend on fixed ones.
 
     The data of the tree are those of the free ones; a constant has neither convergence nor contraction.
     """
-    fixed = fixed_of(tree)
-    if not fixed:
+    fixed, names = fixed_of(tree), _design_names(tree)
+    if not fixed and names == tree["posterior"].dataset["coefficient"].to_numpy().astype(str).tolist():
         return tree
     groups = {name: node.to_dataset() for name, node in tree.children.items()}
-    groups["posterior"] = groups["posterior"].drop_sel(coefficient=list(fixed))
+    groups["posterior"] = groups["posterior"].sel(coefficient=names)
     if "prior" in groups and groups["prior"].sizes.get("coefficient") != groups["posterior"].sizes["coefficient"]:
         groups = {name: group for name, group in groups.items() if name not in _PREDICTIVE}
     return xr.DataTree.from_dict({"/": tree.to_dataset(), **groups})
+
+
+def _design_names(tree: xr.DataTree) -> list[str]:
+    """Names of the columns of a tree; those of the free coefficients where it has no design."""
+    if has(tree, DESIGN[0]):
+        return tree[DESIGN[0]]["coefficient"].to_numpy().astype(str).tolist()
+    return [str(name) for name in tree["posterior"]["coefficient"].to_numpy() if name not in fixed_of(tree)]
 
 
 DESIGN = ("constant_data/design_matrix", "observed_data/response")
@@ -161,10 +183,10 @@ def singular_directions(tree: xr.DataTree) -> list[dict]:
 
 
 def residuals(tree: xr.DataTree) -> xr.DataArray:
-    """Response minus design times posterior mean, dims (row,) with time [s] where the tree has it."""
+    """Response minus design times posterior mean, dims (row,), in order of time [s], run after run."""
     data = data_of(tree)
     fitted = data.design_matrix @ tree["posterior"].dataset["coefficients"].mean(("chain", "draw")).values
-    return xr.DataArray(data.response - fitted, {"time": ("row", data.time)}, ("row",))
+    return xr.DataArray(data.response - fitted, {"time": ("row", data.time)}, ("row",)).isel(row=data.order)
 
 
 def loo_pit(tree: xr.DataTree, loo: ELPDData) -> xr.Dataset:

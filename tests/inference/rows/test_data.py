@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -154,3 +155,27 @@ def test_arrays_are_read_only(name):
         assert not getattr(one, name).flags.writeable
     assert X.flags.writeable
     assert y.flags.writeable
+
+
+def test_rows_that_all_stand_twice_are_told():
+    """Their standard deviations are too small by the root of two; a constant response, or a few equal rows, are not."""
+    X, y = np.random.default_rng(1).normal(size=(9, 2)), np.arange(9.0)
+    twice = ps.RegressionData.from_arrays(np.tile(X, (2, 1)), np.tile(y, 2))
+    thrice = ps.RegressionData.from_arrays(np.repeat(X, 3, axis=0), np.repeat(y, 3))
+    for fit, data in ((ps.ConjugatePrior().exact, twice), (ps.maximise_evidence, thrice)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            fit(data)
+        assert data.repeated in [str(one.message) for one in caught]
+        assert data.repeated
+    few = ps.RegressionData.from_arrays(np.vstack([X, X[:1]]), np.append(y, y[0]))
+    rest = ps.RegressionData.from_arrays(X, np.zeros(9), scaling="none")
+    assert (few.repeated, rest.repeated) == ("", "")
+    assert twice.repeated in repr(twice)
+
+
+@pytest.mark.parametrize("label", [{"weights": np.ones(9)}, {"dof": 3}, {"fixed": {"x1": 1.0}}])
+def test_labels_of_rows_are_known_texts(label):
+    X, y = np.random.default_rng(1).normal(size=(9, 2)), np.arange(9.0)
+    with refused(ps.InferenceError, *label):
+        ps.RegressionData.from_arrays(X, y, **label)

@@ -1,3 +1,4 @@
+import warnings
 from dataclasses import replace
 
 import arviz as az
@@ -219,3 +220,34 @@ def test_the_order_of_dims_changes_nothing():
     assert found.identical(expected)
     found, expected = (predict(one, data.design_matrix[:3], rng=1) for one in (turned, tree))
     assert found.identical(expected)
+
+
+def with_draws(tree, **draws):
+    return tree.assign({"posterior": xr.DataTree(tree["posterior"].to_dataset().assign(draws))})
+
+
+def test_broken_draws_predict_nothing():
+    data, prior, tree = tree_of(ConjugatePrior, draws=40)
+    posterior = tree["posterior"].to_dataset()
+    broken = {
+        "NaN": {"coefficients": posterior["coefficients"].where(posterior["draw"] > 3)},
+        "positive": {"noise_variance": -posterior["noise_variance"]},
+        "dims": {"coefficients": posterior["coefficients"].isel(chain=0)},
+    }
+    for word, draws in broken.items():
+        with refused(ps.InferenceError, word):
+            predict(with_draws(tree, **draws), data.design_matrix, rng=1)
+        with refused(ps.InferenceError, word):
+            with_predictive(with_draws(tree, **draws), data, prior, rng=1)
+
+
+def test_chains_of_two_fits_are_told():
+    """Their mean is that of neither; chains of one fit are quiet, short ones also."""
+    data, _, tree = tree_of(ConjugatePrior, draws=40)
+    apart = np.array([0.0, 0.0, 1.0, 1.0])[:, None, None]
+    predict(tree, data.design_matrix, rng=1)
+    joined = with_draws(tree, coefficients=tree["posterior"]["coefficients"] + apart)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        predict(joined, data.design_matrix, rng=1)
+    assert [one.category for one in caught] == [UserWarning]

@@ -18,6 +18,7 @@ def test_a_dof_left_out_keeps_the_reference(container):
     np.testing.assert_array_equal(coefficient_draws(container, {}, 3, rng), np.tile(reference, (3, 1)))
 
 
+@pytest.mark.filterwarnings("ignore:The yaw posterior needs chains")  # whose values are labels
 def test_draws_are_whole_vectors_in_the_vessels_order(container):
     """Chains and draws are stacked, the posterior's order of coefficients does not matter, and no vector is split."""
     names = container.coefficients("yaw")["coefficient"].values

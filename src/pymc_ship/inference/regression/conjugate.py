@@ -22,7 +22,7 @@ from pymc_ship.inference.regression.priors import (
     check_data,
     log_inverse_gamma,
     rotate,
-    warn_of_units,
+    warn_of_rows,
 )
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import probability_array
@@ -60,7 +60,7 @@ class ConjugatePrior(Prior):
     def exact(self, data: RegressionData) -> NormalInverseGamma:
         """Exact posterior, Eq. 12-17 of Xue et al. (2020)."""
         check_data(data)
-        warn_of_units(data, self)
+        warn_of_rows(data, self)
         rotation, unit = rotate(data, self), data.response_scale
         s, z = rotation.singular_values, unit * rotation.projection
         spread = 1.0 / (1.0 + s**2)

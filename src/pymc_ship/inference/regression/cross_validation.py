@@ -76,10 +76,8 @@ def cross_validation(
             "Rows held out must not reach a fit, found a response that depends on all rows in "
             f"{short_repr(data.formula.text)}; take a response of each row by itself, and scaling='zscore'."
         )
-    labels = list(dict.fromkeys(data.run.tolist()))
-    order = np.lexsort((data.time, np.array([labels.index(run) for run in data.run.tolist()])))
-    held_out = [np.sort(order[rows]) for rows in fold_rows(data.n_rows, folds, split=split, rng=rng)]
-    training = tuple(data.rescaled_rows(np.setdiff1d(order, rows)) for rows in held_out)
+    held_out = [np.sort(data.order[rows]) for rows in fold_rows(data.n_rows, folds, split=split, rng=rng)]
+    training = tuple(data.rescaled_rows(np.setdiff1d(np.arange(data.n_rows), rows)) for rows in held_out)
     for rows in training:
         _ = rows.svd
     return CrossValidation(training, tuple(data.rows(rows) for rows in held_out))

@@ -335,8 +335,8 @@ def check_prior(prior: object, data: object, *, own: str = "") -> None:
         )
 
 
-def warn_of_units(data: RegressionData, prior: Prior) -> None:
-    """Warn if a default prior does not suit the units of columns or response that are not scaled."""
+def warn_of_rows(data: RegressionData, prior: Prior) -> None:
+    """Warn if rows are repeated, or a default prior does not suit the units of columns or response not scaled."""
     own_kappa = np.ndim(prior.kappa) > 0 or prior.kappa != type(prior).kappa
     text = "" if own_kappa else data.uneven
     own_scale = prior.scale != type(prior).scale
@@ -357,8 +357,8 @@ def warn_of_units(data: RegressionData, prior: Prior) -> None:
                 f"the response, {math.sqrt(columns):.2g} of a row of columns); take scaling='zscore', or kappa and "
                 "scale in these units."
             )
-    if text:
-        warnings.warn(text, UserWarning, stacklevel=3)
+    for fault in filter(None, (text, data.repeated)):
+        warnings.warn(fault, UserWarning, stacklevel=3)
 
 
 def _broken_rule(name: str, value: float | np.ndarray) -> tuple[str, str] | None:

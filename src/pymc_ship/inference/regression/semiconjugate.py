@@ -17,7 +17,7 @@ import scipy
 from numba import njit
 from numpy.typing import ArrayLike
 
-from pymc_ship.inference.regression.priors import Prior, RotatedPosterior, check_data, rotate, warn_of_units
+from pymc_ship.inference.regression.priors import Prior, RotatedPosterior, check_data, rotate, warn_of_rows
 from pymc_ship.inference.regression.quadrature import Kernel, log_kernels, quadrature
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import probability_array
@@ -53,7 +53,7 @@ class SemiConjugatePrior(Prior):
     def exact(self, data: RegressionData) -> NormalMixture:
         """Exact posterior of the model of Xue et al. (2020), Eq. 18-20, by quadrature over the noise variance."""
         check_data(data)
-        warn_of_units(data, self)
+        warn_of_rows(data, self)
         rotation, unit = rotate(data, self), data.response_scale
         s, z = unit * rotation.singular_values, unit * rotation.projection
         residual_square, scale = unit**2 * rotation.residual_square, self.scale * unit**2

@@ -2,6 +2,7 @@
 
 import json
 import math
+import warnings
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
-from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.data import LABELS, RegressionData
 from pymc_ship.machine.arguments import as_path, check_counts, check_kind, short_repr
 from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_valid_checksum
 from pymc_ship.machine.errors import InferenceError, ShipError
@@ -33,9 +34,12 @@ CITATIONS = {
 """Citations in the attrs of a posterior, by method of drawing; "method" and "arviz" are in every one."""
 
 _SUM, _ZARR = "sha256", "zarr.json"
-_LABELS = ("vessel", "dof", "derivative", "record_verdict", "record_remarks")
 _SCALING = ("column_center", "column_scale", "response_center", "response_scale")
 _PACKAGES = ("pymc-ship", "numpy", "scipy", "xarray", "arviz", "pymc")
+
+_SAMPLE = ("chain", "draw")
+R_HAT_MIXED = 1.1  # R-hat above which chains differ in any number of draws: Gelman & Rubin (1992)
+_CHANCE = 10.0  # variance between over within chains, times the draws, that independent draws do not reach
 
 FILES = (".nc", ".zarr")  # endings of the files of a posterior
 
@@ -129,6 +133,41 @@ def posterior_group(tree: xr.DataTree) -> xr.Dataset:
     return tree["posterior"].to_dataset()
 
 
+def drawn_coefficients(tree: xr.DataTree, what: str = "A posterior", *, group: str = "posterior") -> xr.Dataset:
+    """Group of draws of coefficients, with the dims chain and draw first.
+
+    InferenceError for other dims, values that are not finite, or a noise variance that is not positive.
+    """
+    drawn = posterior_group(tree) if group == "posterior" else tree[group].to_dataset()
+    drawn = drawn.transpose(*_SAMPLE, ..., missing_dims="ignore")
+    if "coefficients" not in drawn or drawn["coefficients"].dims != (*_SAMPLE, "coefficient"):
+        raise InferenceError(
+            f"{what} needs coefficients with dims chain, draw, coefficient, found {', '.join(map(str, drawn))} with "
+            f"dims {', '.join(map(str, drawn.sizes))}; give the whole tree of a posterior."
+        )
+    values = drawn["coefficients"].to_numpy().astype(float)
+    variance = drawn["noise_variance"].to_numpy() if "noise_variance" in drawn else np.ones(1)
+    faults = {"no draw": values.size == 0, "NaN or infinity": not np.isfinite(values).all()}
+    faults["a noise variance that is not positive"] = not (variance > 0.0).all()
+    if found := " and ".join(fault for fault, present in faults.items() if present):
+        raise InferenceError(f"{what} needs finite draws and positive variances, found {found}; draw it again.")
+    return drawn
+
+
+def warn_of_chains(what: str, drawn: xr.Dataset) -> None:
+    """Warn if chains of :func:`drawn_coefficients` are of different distributions."""
+    values, names = drawn["coefficients"].to_numpy(), drawn["coefficient"].to_numpy()
+    within, between = values.var(axis=1).mean(axis=0), values.mean(axis=1).var(axis=0)
+    ratio = np.divide(between, within, out=np.zeros(len(names)), where=within > 0.0)
+    if ratio.max() > R_HAT_MIXED**2 - 1.0 + _CHANCE / values.shape[1]:
+        warnings.warn(
+            f"{what} needs chains of one distribution, found an R-hat of {np.sqrt(1.0 + ratio.max()):.3g} of "
+            f"{names[ratio.argmax()]}; draw longer chains of one fit, and do not join those of several.",
+            UserWarning,
+            stacklevel=3,
+        )
+
+
 def _log_likelihood(data: RegressionData, coefficients: np.ndarray, noise_variance: np.ndarray) -> np.ndarray:
     log_density = data.response - coefficients @ data.design_matrix.T
     np.square(log_density, out=log_density)
@@ -142,7 +181,7 @@ def tree_attrs(data: RegressionData, prior: dict, method: str, state: str, work:
     """Attrs of a posterior: data, hyperparameters of the prior, generator, versions and citations."""
     return {
         "method": method,
-        **{name: getattr(data, name) for name in _LABELS},
+        **{name: getattr(data, name) for name in LABELS},
         "prior": json.dumps(prior),
         "scaling": json.dumps({name: np.asarray(getattr(data, name)).tolist() for name in _SCALING}),
         **({"held_fixed": json.dumps(dict(data.fixed))} if data.fixed else {}),

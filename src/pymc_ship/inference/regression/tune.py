@@ -212,8 +212,8 @@ def bound_text(what: str, names: Iterable[str]) -> str:
 
 
 def _warn_of_search(prior: Prior, box: Mapping[str, tuple[float, float]] | None, data: RegressionData) -> None:
-    if data.uneven:
-        warnings.warn(data.uneven, UserWarning, stacklevel=3)
+    for text in filter(None, (data.uneven, data.repeated)):
+        warnings.warn(text, UserWarning, stacklevel=3)
     if names := on_edge(prior, box):
         text = bound_text(f"The {prior.family} prior{f' of the {data.dof}' * bool(data.dof)}", names)
         warnings.warn(f"{text}; check terms and units, or give a wider box.", BoundWarning, stacklevel=3)

@@ -19,7 +19,7 @@ from pymc_ship.inference.rows.frames import (
     frame_columns,
     is_frame,
 )
-from pymc_ship.machine.arguments import check_choice, label_array, name_list, real_array
+from pymc_ship.machine.arguments import check_choice, check_kind, label_array, name_list, real_array
 from pymc_ship.machine.errors import InferenceError
 
 ROUNDING = 1e-10
@@ -28,6 +28,9 @@ ROUNDING = 1e-10
 UNEVEN = 30.0
 """Largest over smallest column norm above which an unscaled design is called uneven: a lower bound of the condition
 number, with the limit of Belsley, Kuh & Welsch (1980), Regression Diagnostics, doi:10.1002/0471725153, ch. 3."""
+
+LABELS = ("vessel", "dof", "derivative", "record_verdict", "record_remarks")
+"""Texts on the origin of the rows."""
 
 _SMALLEST, _LARGEST = 1e-100, 1e100  # magnitudes of columns and response
 FEWEST_ROWS = 4  # rows that sizes of columns and response are judged over, at least
@@ -183,6 +186,9 @@ class RegressionData:
         varies = np.ptp(X, axis=0) > rounding * np.abs(X).max(axis=0)
         constants = np.flatnonzero(~varies & (X[0] != 0.0))
         constant = int(constants[0]) if constants.size else -1
+        for label, text in labels.items():
+            check_choice("A label of regression data", label, LABELS, InferenceError)
+            check_kind(f"The label {label}", text, str, "give a text", InferenceError)
         values: dict[str, Any] = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names)), **labels}
         values |= {"response_center": 0.0, "response_scale": 1.0, "constant": constant, "time": times, "run": runs}
         data = cls(X, y, names, **values)
@@ -216,7 +222,7 @@ class RegressionData:
             f"  terms     {shorten(', '.join(self.coefficients), 100, placeholder=' ...')}\n"
             f"  columns   {centred}, scales {self.column_scale.min():.4g} to {self.column_scale.max():.4g}\n"
             f"  response  centre {self.response_center:.4g}, scale {self.response_scale:.4g}"
-            + (f"\n  remark    {self.uneven}" if self.uneven else "")
+            + "".join(f"\n  remark    {remark}" for remark in (self.uneven, self.repeated) if remark)
         )
 
     @property
@@ -261,6 +267,12 @@ class RegressionData:
             )
         names = ("design_matrix", "response", "time", "run")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
+
+    @property
+    def order(self) -> np.ndarray:
+        """Row numbers in order of time, run after run, shape (n_rows,)."""
+        labels = list(dict.fromkeys(self.run.tolist()))
+        return np.lexsort((self.time, np.array([labels.index(run) for run in self.run.tolist()])))
 
     @property
     def is_scaled(self) -> bool:
@@ -308,6 +320,19 @@ class RegressionData:
         return (
             f"The columns must be of one size where all have the same prior, found {names[0]} of {small:.2g} and "
             f"{names[1]} of {large:.2g}; take scaling='zscore' or a kappa for each column."
+        )
+
+    @cached_property
+    def repeated(self) -> str:
+        """Warning about rows that all stand equally often, two times or more; else empty."""
+        if 2 * len(np.unique(self.response)) > self.n_rows:  # without a sort of whole rows
+            return ""
+        _, counts = np.unique(np.column_stack([self.design_matrix, self.response]), axis=0, return_counts=True)
+        if len(counts) == 1 or counts[0] == 1 or np.ptp(counts):
+            return ""
+        return (
+            f"The errors of rows must be independent, found each row {counts[0]} times; give each once, or the "
+            f"standard deviations are {np.sqrt(counts[0]):.2g} times too small."
         )
 
     @cached_property

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.inference.regression.priors import Prior, check_prior, rotate, rotate_back, warn_of_units
+from pymc_ship.inference.regression.priors import Prior, check_prior, rotate, rotate_back, warn_of_rows
 from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import check_counts
@@ -58,7 +58,7 @@ def gibbs(
             f"independent of it, found its power {prior.noise_power:g} in the {prior.family} family; use "
             "nuts_posterior."
         )
-    warn_of_units(data, prior)
+    warn_of_rows(data, prior)
     rotation, unit = rotate(data, prior), data.response_scale
     s, z = unit * rotation.singular_values, unit * rotation.projection
     residual_square, scale = unit**2 * rotation.residual_square, unit**2 * prior.scale

@@ -8,7 +8,7 @@ import xarray as xr
 
 from pymc_ship.inference.regression.prior_table import hold_fixed
 from pymc_ship.inference.regression.priors import Prior, check_data, check_prior
-from pymc_ship.inference.regression.tree import posterior_group
+from pymc_ship.inference.regression.tree import drawn_coefficients, posterior_group, warn_of_chains
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import new_design
 from pymc_ship.inference.sampling.error_laws import OWN, draw_errors, error_law, known_errors_of, log_likelihood_group
@@ -93,13 +93,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     1.00
     """
     rng = random_generator(rng)
-    posterior = posterior_group(tree).transpose("chain", "draw", ..., missing_dims="ignore")
-    dims = posterior["coefficients"].dims if "coefficients" in posterior else ()
-    if dims != ("chain", "draw", "coefficient") or "noise_variance" not in posterior:
-        raise ShipError(
-            "A prediction needs coefficients (dims chain, draw, coefficient) and a noise_variance in the posterior, "
-            f"found {', '.join(map(str, posterior.data_vars))}; give the posterior of a regression."
-        )
+    posterior = _regression_draws(tree)
     names = [str(name) for name in posterior["coefficient"].values]
     if data is not None:
         _check_fitted(tree, data)
@@ -145,7 +139,7 @@ def with_predictive(
     check_prior(prior, data)
     data = _check_fitted(tree, data)
     _check_prior_of(tree, prior)
-    whole = posterior_group(tree)
+    whole = _regression_draws(tree)
     posterior = whole.sel(coefficient=list(data.coefficients))
     errors = known_errors_of(tree)
     from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)
@@ -161,6 +155,17 @@ def with_predictive(
     own = {name: group.to_dataset() for name, group in tree.children.items()}
     own.setdefault("log_likelihood", log_likelihood_group(data, errors, posterior))
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=tree.attrs), **own, **groups})
+
+
+def _regression_draws(tree: xr.DataTree) -> xr.Dataset:
+    posterior = drawn_coefficients(tree, "A prediction")
+    warn_of_chains("A prediction", posterior)
+    if "noise_variance" not in posterior:
+        raise ShipError(
+            "A prediction needs a noise_variance in the posterior, found "
+            f"{', '.join(map(str, posterior.data_vars))}; give the posterior of a regression."
+        )
+    return posterior
 
 
 def _check_fitted(tree: xr.DataTree, data: RegressionData) -> RegressionData:

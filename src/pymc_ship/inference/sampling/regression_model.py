@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeIs
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import Prior, check_data, check_prior, warn_of_units
+from pymc_ship.inference.regression.priors import Prior, check_data, check_prior, warn_of_rows
 from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, run_parts, with_errors
@@ -90,7 +90,7 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     from pymc_ship.inference.sampling.linear_coordinates import coefficients_from_fit, linear_coordinates
 
     if not _is_custom(prior, data):
-        warn_of_units(data, prior)
+        warn_of_rows(data, prior)
     if not callable(errors):
         error_law(errors, data)
     offset, transformation = data.transformation
@@ -203,7 +203,7 @@ def nuts_posterior(
         sampled = sample_model(model, settings, seed, progress, sampler)
         return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
     if sampler == "nutpie" and errors == "normal":
-        warn_of_units(data, prior)
+        warn_of_rows(data, prior)
         sampled = sample_density(whitened_density(data, prior), settings, seed, progress)
     else:
         sampled = sample_model(pymc_model(data, prior, errors), settings, seed, progress, sampler)

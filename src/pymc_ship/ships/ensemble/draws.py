@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.inference.regression.tree import drawn_coefficients, warn_of_chains
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import SimulationError, VesselError
 from pymc_ship.physics.forces.surroundings import WIND
@@ -50,7 +51,9 @@ def _coefficient_rows(
 ) -> np.ndarray:
     check_same_vessel(f"The {dof} {group}", tree.attrs, vessel)
     names = coefficient_names(vessel) if dof == "joint" else vessel.coefficients(dof)["coefficient"].values.tolist()
-    sample = tree[group].dataset["coefficients"].stack(sample=("chain", "draw"))
+    drawn = drawn_coefficients(tree, f"The {dof} {group}", group=group)
+    warn_of_chains(f"The {dof} {group}", drawn)
+    sample = drawn["coefficients"].stack(sample=("chain", "draw"))
     lacking = sorted(set(names) - set(sample["coefficient"].values))
     if lacking:
         raise VesselError(f"The {dof} {group} lacks {', '.join(lacking)} of {vessel.name!r}; use its own terms.")
