@@ -251,7 +251,7 @@ def test_a_posterior_in_another_order_has_the_same_residuals(good):
     other = free["posterior"].to_dataset().assign_coords(coefficient=["Yb", "Yd"])
     renamed = free.assign({"posterior": xr.DataTree(other)})
     with refused(ValueError, "Yd"):
-        d.check_posterior(renamed)
+        d.free_posterior(renamed)
 
 
 def test_groups_of_a_posterior_are_of_its_draws(good):

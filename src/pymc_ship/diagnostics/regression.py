@@ -35,22 +35,21 @@ def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
     check_draws(tree, name, REQUIRED | (_NOISE if has(tree, "posterior/noise_variance") else {}), _ATTRS)
     drawn = drawn_coefficients(tree, name)
     for group in ("log_likelihood", "log_prior", "posterior_predictive", "sample_stats"):
-        if group in tree.children and not all(tree[group].indexes[dim].equals(drawn.indexes[dim]) for dim in _SAMPLE):
+        if group in tree.children and not _has_draws_of(drawn, tree[group].to_dataset()):
             raise ShipError(
                 f"The groups of a posterior have one value a draw, found other chains or draws in {group} of {name}; "
                 "select from or join the whole tree."
             )
-    others = {*_design_names(tree), *fixed_of(tree)} ^ set(tree["posterior"]["coefficient"].to_numpy().tolist())
-    if others:
-        raise ShipError(
-            f"A posterior has the coefficients of its design_matrix, found {', '.join(sorted(others))} in one of them "
-            f"in {name}; rename both."
-        )
     try:
         prior_of(tree)
         json.loads(tree.attrs["scaling"])["response_scale"]
     except (ValueError, KeyError, TypeError) as error:
         raise ShipError(f"{name} is no posterior of this package, its prior or scaling is broken: {error}.") from None
+
+
+def _has_draws_of(drawn: xr.Dataset, group: xr.Dataset) -> bool:
+    """Whether a group has the chains and draws of another, which number from 0 where they have no coordinates."""
+    return all(dim in group.dims and group.get_index(dim).equals(drawn.get_index(dim)) for dim in _SAMPLE)
 
 
 def fixed_of(tree: xr.DataTree) -> dict[str, float]:
@@ -64,8 +63,14 @@ def free_posterior(tree: xr.DataTree) -> xr.DataTree:
     The data of the tree are those of the free ones; a constant has neither convergence nor contraction.
     """
     fixed, names = fixed_of(tree), _design_names(tree)
-    if not fixed and names == tree["posterior"].dataset["coefficient"].to_numpy().astype(str).tolist():
+    drawn = tree["posterior"].dataset["coefficient"].to_numpy().astype(str).tolist()
+    if not fixed and names == drawn:
         return tree
+    if others := {*names, *fixed} ^ {*drawn}:
+        raise ShipError(
+            f"A posterior has the coefficients of its design_matrix, found {', '.join(sorted(others))} in one of them; "
+            "rename both."
+        )
     groups = {name: node.to_dataset() for name, node in tree.children.items()}
     groups["posterior"] = groups["posterior"].sel(coefficient=names)
     if "prior" in groups and groups["prior"].sizes.get("coefficient") != groups["posterior"].sizes["coefficient"]:

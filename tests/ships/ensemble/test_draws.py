@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 import xarray as xr
 
 from pymc_ship.ships.ensemble.draws import coefficient_draws

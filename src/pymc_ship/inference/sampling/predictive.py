@@ -162,7 +162,7 @@ def _regression_draws(tree: xr.DataTree) -> xr.Dataset:
     warn_of_chains("A prediction", posterior)
     if "noise_variance" not in posterior:
         raise ShipError(
-            "A prediction needs a noise_variance in the posterior, found "
+            "A prediction needs coefficients and a noise_variance in the posterior, found "
             f"{', '.join(map(str, posterior.data_vars))}; give the posterior of a regression."
         )
     return posterior
