@@ -1,6 +1,7 @@
-"""The record of a trial: channels, units, the check of its form and its CSV.
+"""The record of a trial: cells of its file, channels, units, the check of its form and its CSV.
 
 - `units`: SI units, their spellings in files and their Froude scaling.
 - `channels`: the table of channels.
+- `cells`: cells of a file, as numbers where a column has numbers alone.
 - `record`: the check of a record, and its CSV.
 """

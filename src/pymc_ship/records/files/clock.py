@@ -97,7 +97,7 @@ def stamp_of_parts(parts: Sequence[str]) -> str:
 
 def clock_of_text(
     cells: Sequence[str],
-    lines: Sequence[int],
+    lines: Sequence[int] | np.ndarray,
     column: Column,
     channels: Channels,
     where: str,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.names import did_you_mean
+from pymc_ship.trial.cells import Cells, Numbers, cell_numbers
 from pymc_ship.trial.channels import CHANNELS, TIME, Channel, file_columns
 from pymc_ship.trial.units import METRE_PER_SECOND, PURE_NUMBER, RADIAN, spelling
 
@@ -80,15 +80,6 @@ MISSING_CODES = {
 AIS (ITU-R M.1371): heading 511, course 360.0, speed 102.3, rate of turn 128, 127 without an indicator and 731 as
 decoded; the largest numbers of 8 and 16 bits, with up to two decimals; rows of nines.
 """
-MISSING_CELLS = frozenset(("", "-", "--", "---", "*", "nan", "na", "n/a", "#n/a", "null", "none"))
-MISSING_CELLS |= {"#div/0!", "#value!", "#ref!", "#num!", "#name?", "--.-", "---.-"}
-
-_WHOLE = re.compile(r"[-+]?(?:[1-9]\d{0,2}([.,])\d{3}(?:\1\d{3})*|\d{1,3})")  # in groups of one mark, or short
-_PLAIN = str.maketrans({"\u2212": "-", "º": "°"} | dict.fromkeys("\u00a0\u2007\u2009\u202f", " "))
-
-_THOUSANDS = re.compile(
-    r"[-+]?\d{1,3}(?:([.,])\d{3}(?:\1\d{3})*(?!\1)[.,]\d*|([ '’])\d{3}(?:\2\d{3})*(?:[.,]\d*)?)"
-)  # with both marks, or with spaces or apostrophes
 
 JUMP = 8.0  # steps of a channel, at their 99 % quantile, from which a stand-in is none of its values
 _OF_SENSORS = {
@@ -99,6 +90,7 @@ _OF_SENSORS = {
     "longitude": (181.0,),
     "delta": (),
 }
+_FEWEST_COUNTED, _COUNTED = 4, 1000  # rows by which a counter of them is known
 _WHOLE_TURN, LEAST_TURN = 360.0, 5.0  # deg; the least is of a course that is none beside others
 
 
@@ -131,78 +123,6 @@ def receiver_stand_ins(name: str, cells: np.ndarray) -> dict[float, np.ndarray]:
         if far.size:
             left[far], found[number] = np.nan, np.isin(np.arange(cells.size), far)
     return found
-
-
-def plain_text(text: str) -> str:
-    """Text with usual minus signs, spaces and signs of degrees."""
-    return text if text.isascii() else text.translate(_PLAIN)
-
-
-def without_thousands(
-    texts: Mapping[str, list[str]], joined: Mapping[str, str]
-) -> tuple[dict[str, list[str]], dict[str, int], list[str]]:
-    """Cells of columns without separators of groups of three digits, numbers of such cells, and columns in doubt.
-
-    A file has one decimal mark: where other columns have the point alone, whole numbers such as 1,002 have groups. In
-    doubt are those whose every cell may have groups, such as 1.203, in a file that shows no decimal mark.
-    ``joined`` has the cells of each column as one text.
-    """
-    plain, counts = dict(texts), {}
-    marks = {name: {mark for mark in ",. '’" if mark in text} for name, text in joined.items()}
-    decimal = {name: found & {",", "."} for name, found in marks.items()}
-    groups = {name for name, cells in texts.items() if len(decimal[name]) == 1 and all(map(_is_whole, cells))}
-    mixed = {name for name in groups if any(map(str.isdecimal, texts[name]))}
-    is_shown = any(decimal[name] for name in texts if name not in groups)
-    are_thousands = not is_shown and any(_is_smoother(texts[name]) for name in mixed)
-    for name, cells in texts.items():
-        is_other = name in mixed and {",", "."} - decimal[name] in marks.values()
-        is_whole = name in groups and (are_thousands or is_other)
-        if not is_whole and (name in groups or (len(marks[name]) < 2 and decimal[name] == marks[name])):
-            continue
-        found = [(_WHOLE if is_whole else _THOUSANDS).fullmatch(cell) for cell in cells]
-        if count := sum(one is not None and one.lastindex is not None for one in found):
-            counts[name] = count
-            plain[name] = [
-                cell.replace(one[one.lastindex], "") if one and one.lastindex else cell
-                for one, cell in zip(found, cells, strict=True)
-            ]
-    return plain, counts, [name for name in texts if name in groups - mixed and not (is_shown or counts)]
-
-
-def _is_whole(cell: str) -> bool:
-    """Whether a cell is a whole number, perhaps in groups of three digits, or missing."""
-    return bool(_WHOLE.fullmatch(cell)) or cell.lower() in MISSING_CELLS
-
-
-def _is_smoother(cells: Sequence[str]) -> bool:
-    """Whether whole numbers with and without groups are closer to each other as thousands than as decimals."""
-    known = [cell for cell in cells if _WHOLE.fullmatch(cell)]
-    grouped = np.array([not cell.lstrip("+-").isdecimal() for cell in known])
-    thousands = [float(re.sub("[,.]", "", cell)) for cell in known]
-    decimals = [number / 1e3 ** sum(map(cell.count, ",.")) for number, cell in zip(thousands, known, strict=True)]
-    steps = np.abs(np.diff([thousands, decimals]))[:, np.diff(grouped)]
-    return bool(steps[0].sum() < steps[1].sum())
-
-
-def cell_numbers(cells: Sequence[str]) -> list[float | None]:
-    """Numbers of cells, fast if all are plain numbers."""
-    joined = "".join(cells)
-    if joined.isascii() and "_" not in joined:
-        with suppress(ValueError):
-            return list(map(float, cells))
-    return [_number(cell) for cell in cells]
-
-
-def _number(cell: str) -> float | None:
-    """Number of a cell, such as 6.0e-2 or 6.0D-02, NaN for a missing one, None for text."""
-    if cell.lower() in MISSING_CELLS:
-        return np.nan
-    if not cell.isascii() or "_" in cell:
-        return None
-    for text in (cell, cell.lower().replace("d", "e")):
-        with suppress(ValueError):
-            return float(text)
-    return None
 
 
 SETTINGS = ("sign", "offset", "code", "missing", "delay")
@@ -598,3 +518,44 @@ def _chosen_column(
     known: dict[str, Any] = {key: choice[key] for key in SETTINGS if key in choice}
     known |= {"unit": unit, "factor": factor, "named_by": "the format file", "unit_by": unit_by}
     return Column(channel=channel.name, index=matched[0], heading=wanted, **known)
+
+
+def without_stand_ins(columns: dict[str, Column], numbers: dict[str, np.ndarray]) -> list[str]:
+    """Empty the cells of a satellite receiver and a rudder that stand for missing ones; sentences on them.
+
+    Other channels keep theirs for the check of stand-ins, but for a heading that turns velocities over ground.
+    """
+    names, notes = [name for name in (*GROUND, "delta") if name in columns], []
+    if is_over_ground(columns):
+        names.append("psi")
+    for name in names:
+        for number, cells in receiver_stand_ins(name, numbers[name]).items():
+            numbers[name][cells] = np.nan
+            count = int(cells.sum())
+            held = f"{count} cell{'s' if count > 1 else ''} of {columns[name].heading!r}"
+            notes.append(f"{number:g} in {held} taken as not available: far from the values beside.")
+    return notes
+
+
+def implausible_angles(columns: dict[str, Column], cells: dict[str, np.ndarray]) -> list[str]:
+    """A remark on rudder and roll angles that are too large for rad."""
+    notes = []
+    for name in ("phi", "delta"):
+        if name in columns and columns[name].unit == "rad":
+            largest = np.abs(cells[name][np.isfinite(cells[name])]).max(initial=0.0)
+            if largest > 0.5 * np.pi:
+                notes.append(f"{name} reaches {largest:.3g} rad; if it is in deg, call the column '{name} [deg]'.")
+    return notes
+
+
+def counts_the_rows(column: Column, cells: Cells) -> bool:
+    """Whether a column of no stated unit, other than the time, has the number of each row, as an n may."""
+    if column.stated or column.channel == TIME.name or column.named_by == "the format file":
+        return False
+    if isinstance(cells, Numbers):
+        numbers = cells.values[:_COUNTED]
+    else:
+        numbers = np.array(cell_numbers(cells[:_COUNTED]), dtype=float)
+    if numbers.size <= _FEWEST_COUNTED or not np.isfinite(numbers[0]):
+        return False
+    return np.array_equal(numbers, numbers[0] + np.arange(numbers.size))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -182,3 +182,18 @@ def _advance(values: np.ndarray, begins: np.ndarray) -> float:
     if not np.std(even) > _SIGNAL * second_difference_sd(means[None])[0]:
         return np.nan
     return float(within @ even / (even @ even))
+
+
+def undelayed(raw: dict[str, np.ndarray], time: np.ndarray, delays: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Channels with those of a delay [s] as they were at their stamps; NaN where that is later than their last."""
+    channels = dict(raw)
+    for name, delay in delays.items():
+        known = np.flatnonzero(np.isfinite(raw[name] + time))
+        known = known[np.argsort(time[known], kind="stable")]
+        stamps, values = time[known], raw[name][known]
+        values = np.unwrap(values) if name in ("psi", "cog") else values
+        at = stamps + delay
+        inside = (at >= stamps[0]) & (at <= stamps[-1]) if known.size else np.zeros(0, dtype=bool)
+        channels[name] = np.full(time.size, np.nan)
+        channels[name][known[inside]] = interpolated(name, at[inside], stamps, values)
+    return channels

@@ -6,10 +6,10 @@ import csv
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import accumulate
+from itertools import accumulate, batched
 from pathlib import Path
 from typing import Any
 
@@ -28,21 +28,17 @@ from pymc_ship.records.files.clock import (
     with_fraction,
 )
 from pymc_ship.records.files.columns import (
-    GROUND,
-    MISSING_CELLS,
     OF_CLOCK,
     PAIRS,
     ROS,
     Column,
-    cell_numbers,
     channels_of,
     clock_column,
-    is_over_ground,
+    counts_the_rows,
+    implausible_angles,
     is_unit,
     matched_columns,
-    plain_text,
-    receiver_stand_ins,
-    without_thousands,
+    without_stand_ins,
 )
 from pymc_ship.records.files.format import (
     TrialFormat,
@@ -54,7 +50,7 @@ from pymc_ship.records.files.format import (
     with_signs,
     with_true_wind,
 )
-from pymc_ship.records.files.interpolation import brought_together, interpolated
+from pymc_ship.records.files.interpolation import brought_together, undelayed
 from pymc_ship.records.files.sides import (
     FOUND,
     bare_numbers,
@@ -63,15 +59,38 @@ from pymc_ship.records.files.sides import (
     with_minutes,
     with_rudder_side,
 )
-from pymc_ship.records.files.tables import Columns, bag_of, binary_columns, cell_texts, check_size, nmea_columns
+from pymc_ship.records.files.tables import (
+    Columns,
+    bag_of,
+    binary_columns,
+    cell_texts,
+    check_size,
+    column_cells,
+    nmea_columns,
+)
 from pymc_ship.records.files.time_base import Regular, in_order, regular, rounding
+from pymc_ship.trial.cells import (
+    MISSING_CELLS,
+    Cells,
+    Numbers,
+    among_missing,
+    cell_numbers,
+    cells_of,
+    end_to_end,
+    number_columns,
+    number_of_different,
+    plain_text,
+    texts_of,
+    without_thousands,
+)
 from pymc_ship.trial.channels import CHANNELS, TIME
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
 
 _COMMENTS = ("#", "%")
 _FEWEST_LINES, _MOST_TITLES = 4, 200  # lines of a table that have titles before the header, and the most of these
+_LAST_LINES = 8  # that show how wide the rows are
 _LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
-_COUNTED = 1000  # rows by which a counter is known
+_BLOCK = 10_000  # rows whose cells are text at a time
 _SIDES = ("port", "starboard")
 _OPEN_QUOTE = re.compile(r'(?:^|[,;\t])"[^"]*$')  # of a cell that goes on in the next line
 _BEGIN_OF_STAMP = re.compile(r"\s*\d+[-:/.]\d")
@@ -171,24 +190,14 @@ def _chosen_columns(
     layout = replace(layout, **settings)
     unstated, coarse = layout.unstated_units, _coarse(table)
     columns, notes = matched_columns(table.headings, table.units, layout.columns, where, unstated, coarse)
-    columns, minute_notes = with_minutes(columns, table.rows)
-    counters = [one for one in columns.values() if _is_counter(one, table.rows)]
+    columns, minute_notes = with_minutes(columns, table.columns)
+    counters = [one for one in columns.values() if counts_the_rows(one, table.columns[one.index])]
     notes += minute_notes + [f"{one.heading!r} counts the rows: left out." for one in counters]
     columns = {name: one for name, one in columns.items() if one not in counters}
     if not layout.convention and any(column.named_by == ROS for column in columns.values()):
         layout = replace(layout, convention="enu-flu")
         notes.append('Axes of ROS: x east, y north, v to port; for others, state the convention, such as "ned".')
     return columns, layout, [*table.notes, *notes]
-
-
-def _is_counter(column: Column, rows: list[list[str]]) -> bool:
-    """Whether a column of no stated unit, other than the time, has the number of each row, as an n may."""
-    if column.stated or column.channel == TIME.name or column.named_by == "the format file":
-        return False
-    numbers = np.array(cell_numbers([row[column.index].strip() for row in rows[:_COUNTED]]), dtype=float)
-    if numbers.size <= _FEWEST_LINES or not np.isfinite(numbers[0]):
-        return False
-    return np.array_equal(numbers, numbers[0] + np.arange(numbers.size))
 
 
 def _time_series(
@@ -208,14 +217,14 @@ def _time_series(
     check_course(columns, raw, time, where)
     delays = {name: column.delay for name, column in columns.items() if column.delay}
     pairs = [pair for pair, made in PAIRS.items() if made.isdisjoint(columns)]
-    raw, pair_notes = brought_together(time, _undelayed(raw, time, delays), pairs)
+    raw, pair_notes = brought_together(time, undelayed(raw, time, delays), pairs)
     if delays or pair_notes:
         channels, layout, sign_notes = _in_ship_axes(raw, stated, where)
         sign_notes += pair_notes + [f"{name}: the delay of {delay:g} s removed." for name, delay in delays.items()]
     if table.begins:
         time, quantum, channels = in_order(time, quantum, channels, table.begins)
     series = regular(time, quantum, channels, where)
-    notes = [*clock_notes, *cell_notes, *_implausible(columns, cells), *sign_notes, *series.notes]
+    notes = [*clock_notes, *cell_notes, *implausible_angles(columns, cells), *sign_notes, *series.notes]
     return series._replace(notes=notes), layout
 
 
@@ -228,24 +237,9 @@ def _in_ship_axes(
     return channels, layout, [*sign_notes, *ground_notes]
 
 
-def _undelayed(raw: dict[str, np.ndarray], time: np.ndarray, delays: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """Channels with those of a delay [s] as they were at their stamps; NaN where that is later than their last."""
-    channels = dict(raw)
-    for name, delay in delays.items():
-        known = np.flatnonzero(np.isfinite(raw[name] + time))
-        known = known[np.argsort(time[known], kind="stable")]
-        stamps, values = time[known], raw[name][known]
-        values = np.unwrap(values) if name in ("psi", "cog") else values
-        at = stamps + delay
-        inside = (at >= stamps[0]) & (at <= stamps[-1]) if known.size else np.zeros(0, dtype=bool)
-        channels[name] = np.full(time.size, np.nan)
-        channels[name][known[inside]] = interpolated(name, at[inside], stamps, values)
-    return channels
-
-
 @dataclass(frozen=True)
 class TextTable:
-    """Headings, units, rows of cells, line number of each row, notes, and the side of the rudder if the file has it.
+    """Headings, units, cells of each column, line number of each row, notes, and the side of the rudder if it is known.
 
     ``settings``: keys of the format that a file of :func:`pymc_ship.write_trial` states, such as ``facility``.
     ``shows_axes``: whether a file of its kind has axes of its own, that of a logger or of this package. ``begins``: the
@@ -254,8 +248,8 @@ class TextTable:
 
     headings: list[str]
     units: list[str]
-    rows: list[list[str]]
-    lines: list[int]
+    columns: list[Cells]
+    lines: np.ndarray
     notes: list[str]
     rudder_positive: str = ""
     shows_axes: bool = False
@@ -263,11 +257,14 @@ class TextTable:
     settings: dict[str, str] = field(default_factory=dict)
 
 
-def _text(path: Path) -> str:
+def _lines(path: Path) -> list[str]:
+    """Lines of a text file."""
     try:
-        return plain_text(file_text(path))
+        text = plain_text(file_text(path))
     except TextError as error:
         raise TrialError(f"The trial {path} cannot be read: {error}.") from None
+    check_size(path, [max(map(text.count, "\n\r"))])
+    return _unbroken(re.split(r"\r\n|\n|\r", text))
 
 
 def text_table(path: Path, layout: TrialFormat) -> TextTable:
@@ -276,43 +273,60 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
         return _joined_table(path, layout)
     if binary := binary_columns(path):
         return _with_bare_numbers(_table_of_series(*binary))
-    text = _text(path)
-    check_size(path, [max(map(text.count, "\n\r"))])
-    lines = _unbroken(re.split(r"\r\n|\n|\r", text))
+    lines = _lines(path)
     if log := nmea_columns(lines, path):
         return _table_of_log(*log)
-    skipped = layout.skip_rows
-    numbered = [(number, line) for number, line in enumerate(lines, 1) if number > skipped and line.strip()]
-    comments = [(number, line) for number, line in numbered if line.lstrip().startswith(_COMMENTS)]
-    content = [(number, line) for number, line in numbered if not line.lstrip().startswith(_COMMENTS)]
-    content = _with_header(content, comments)
-    titles = _titles(content, layout.delimiter or "")
+    content, comments = _content(lines, layout.skip_rows)
+    begin, ends = ([lines[k] for k in some] for some in (content[:_MOST_TITLES], content[-_LAST_LINES:]))
+    titles = _titles(begin, ends, layout.delimiter or "")
     content = content[titles:]
-    if content and all(map(_is_number, _cells_of_line(content[0][1], _delimiter(content[0][1])))):
+    header = lines[content[0]] if content.size else ""
+    if content.size and all(map(_is_number, _cells_of_line(header, _delimiter(header)))):
         raise TrialError(
-            f"{path}, line {content[0][0]}: a trial has a header before its numbers, found "
-            f"{content[0][1].strip()[:60]!r}; add a line such as time [s], u [kn], psi [deg]."
+            f"{path}, line {content[0] + 1}: a trial has a header before its numbers, found "
+            f"{header.strip()[:60]!r}; add a line such as time [s], u [kn], psi [deg]."
         )
-    if len(content) < 3:
-        raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(content)} lines; check it.")
-    delimiter = layout.delimiter or _delimiter(content[0][1])
-    if delimiter == " " and len(content[-1][1].split()) == len(content[0][1].split()) + 1:
-        content = [(number, _DATE_AND_TIME.sub(r"\1T\2", line)) for number, line in content]
-    first = _cells_of_line(content[1][1], delimiter)
-    check_size(path, [len(content)] * len(first))
-    heads = [line.strip() for _, line in content[: 2 if _is_unit_row(first) else 1]]
-    body = [(number, line) for number, line in content[len(heads) :] if line.strip() not in heads]
-    again = len(content) - len(heads) - len(body)
-    rows = [(number, _cells_of_line(line, delimiter)) for number, line in body]
-    headings = _headings(content[0][1], delimiter, max([len(first), *(len(cells) for _, cells in rows)]))
+    if content.size < 3:
+        raise TrialError(f"{path}: a trial has a header and at least two rows, found {content.size} lines; check it.")
+    delimiter = layout.delimiter or _delimiter(header)
+    if delimiter == " " and len(lines[content[-1]].split()) == len(header.split()) + 1:
+        lines = [_DATE_AND_TIME.sub(r"\1T\2", line) for line in lines]
+    first = _cells_of_line(lines[content[1]], delimiter)
+    check_size(path, [content.size] * len(first))
+    heads = [lines[k].strip() for k in content[: 2 if _is_unit_row(first) else 1]]
+    body = np.array([k for k in content[len(heads) :].tolist() if lines[k].strip() not in heads], dtype=int)
+    again = content.size - len(heads) - body.size
+    widths = np.array([_width(cells) for cells in _rows(lines, body, delimiter)], dtype=int)
+    headings = _headings(lines[content[0]], delimiter, max(len(first), np.abs(widths).max(initial=0)))
     units = [cell.strip(_AROUND_UNITS) for cell in first] if len(heads) > 1 else []
     units += [""] * (len(headings) - len(units))
-    whole, notes = _whole_rows(rows, len(headings), path)
+    body, notes = _whole_rows(lines, body, delimiter, widths, len(headings), path)
     notes = [f"The header is repeated {again} times: these lines left out.", *notes] if again else notes
     notes = [f"{titles} lines before the header left out.", *notes] if titles else notes
-    cells, at = [row for _, row in whole], [number for number, _ in whole]
-    table = TextTable(headings, units, cells, lines=at, notes=notes)
-    return _with_bare_numbers(replace(table, **_stated_in([line for _, line in comments])))
+    table = TextTable(headings, units, _cells(lines, body, delimiter, headings), lines=body + 1, notes=notes)
+    return _with_bare_numbers(replace(table, **_stated_in(comments)))
+
+
+def _rows(lines: Sequence[str], at: np.ndarray, delimiter: str) -> Iterator[list[str]]:
+    """Cells of some lines."""
+    return (_cells_of_line(lines[k], delimiter) for k in at.tolist())
+
+
+def _width(cells: Sequence[str]) -> int:
+    """Number of cells, negative for an empty row."""
+    return len(cells) if any(map(str.strip, cells)) else -len(cells)
+
+
+def _cells(lines: Sequence[str], at: np.ndarray, delimiter: str, headings: Sequence[str]) -> list[Cells]:
+    """Cells of each column of some lines; parts of a stamp are text, whose zeros count."""
+    parts = {*date_columns(headings)}.union(*((k, more) for k, (more, _) in fraction_columns(headings).items()))
+    blocks = (list(zip(*block, strict=False)) for block in batched(_rows(lines, at, delimiter), _BLOCK))
+    numbers = number_columns(blocks, [k for k in range(len(headings)) if k not in parts])
+    texts: dict[int, list[str]] = {k: [] for k in range(len(headings)) if k not in numbers}
+    for row in _rows(lines, at, delimiter) if texts else ():
+        for k, cells in texts.items():
+            cells.append(row[k])
+    return [numbers[k] if k in numbers else texts[k] for k in range(len(headings))]
 
 
 def _stated_in(comments: list[str]) -> dict[str, Any]:
@@ -330,56 +344,71 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
     if len(files) < 2:
         raise TrialError(f"{folder}: a folder of one run has two files or more, found {len(files)}; name the file.")
     headings, units, clocks = [""], [""], {}
-    joined = TextTable(headings, units, rows=[], lines=[], notes=[])
+    joined = TextTable(headings, units, columns=[], lines=np.array([], dtype=int), notes=[])
     stated, size, side, own = layout.columns.get("time", {}).get("column", ""), 0, "", False
+    stamps: list[Cells] = []
+    placed: list[tuple[Cells, int]] = []  # cells of a file and its first row
+    lines: list[np.ndarray] = []
     for file in files:
         table = _with_whole_stamps(text_table(file, layout))
         clock, clocks[file.name] = clock_column(table.headings, table.units, stated, str(file), _coarse(table))
         headings[0], units[0] = headings[0] or table.headings[clock], units[0] or table.units[clock]
         side, own = side or table.rudder_positive, own or table.shows_axes
-        targets, begin = [k for k, heading in enumerate(table.headings) if heading and k != clock], len(headings)
+        targets = [k for k, heading in enumerate(table.headings) if heading and k != clock]
         names = [table.headings[k] for k in targets]
         headings += [f"{file.stem}.{name}" if name in headings else name for name in names]
         units += [table.units[k] for k in targets]
-        joined.begins[file.name], size = len(joined.rows), size + len(table.rows)
+        joined.begins[file.name] = size
+        placed += [(table.columns[k], size) for k in targets]
+        stamps.append(table.columns[clock])
+        lines.append(table.lines)
+        size += table.lines.size
         check_size(folder, [size] * len(headings))
-        joined.rows.extend([row[clock], *[""] * (begin - 1), *(row[k] for k in targets)] for row in table.rows)
-        joined.lines.extend(table.lines)
-        joined.notes.extend(f"{file.name}: {note}" for note in [f"{len(table.rows)} rows.", *table.notes])
+        joined.notes.extend(f"{file.name}: {note}" for note in [f"{table.lines.size} rows.", *table.notes])
     if len(set(clocks.values())) > 1:
         found = ", ".join(f"{unit or 'no unit'} in {name}" for name, unit in clocks.items())
         raise TrialError(f"{folder}: the time of the files of a run has one unit, found {found}; state the same one.")
-    rows = [row + [""] * (len(headings) - len(row)) for row in joined.rows]
-    return replace(joined, rows=rows, rudder_positive=side, shows_axes=own)
+    columns = [end_to_end(stamps), *(among_missing(cells, begin, size) for cells, begin in placed)]
+    return replace(joined, columns=columns, lines=np.concatenate(lines), rudder_positive=side, shows_axes=own)
 
 
 def _table_of_series(columns: Columns, notes: list[str]) -> TextTable:
     """Table of the columns of a binary file, whose first row may have the units."""
-    cells, units = [cell_texts(one.values) for one in columns], [one.unit for one in columns]
-    if not any(units) and _is_unit_row([column[0] for column in cells]):
-        units = [column[0].strip(_AROUND_UNITS) for column in cells]
-        cells = [column[1:] for column in cells]
-    return _table_of_columns([one.heading for one in columns], units, cells, notes)
+    first, units = ["".join(cell_texts(one.values[:1])) for one in columns], [one.unit for one in columns]
+    has_units = not any(units) and _is_unit_row(first)
+    units = [cell.strip(_AROUND_UNITS) for cell in first] if has_units else units
+    cells = [column_cells(one.values[int(has_units) :]) for one in columns]
+    lines = np.arange(1, columns[0].values.size + 1 - has_units)
+    return TextTable([_heading(one.heading) for one in columns], units, cells, lines=lines, notes=notes)
 
 
 def _table_of_log(cells: dict[str, list[str]], units: dict[str, str], notes: list[str]) -> TextTable:
     """Table of a log of NMEA 0183, which counts the rudder positive to starboard."""
-    table = _table_of_columns(list(cells), [units.get(name, "") for name in cells], list(cells.values()), notes)
+    lines = np.arange(1, len(cells["time"]) + 1)
+    columns = [cells_of(texts) for texts in cells.values()]
+    table = TextTable(list(cells), [units.get(name, "") for name in cells], columns, lines=lines, notes=notes)
     return replace(_with_bare_numbers(table), rudder_positive="starboard", shows_axes=True)
 
 
-def _table_of_columns(headings: list[str], units: list[str], columns: list[list[str]], notes: list[str]) -> TextTable:
-    rows = [list(row) for row in zip(*columns, strict=True)]
-    return TextTable([*map(_heading, headings)], units, rows, lines=list(range(1, len(rows) + 1)), notes=notes)
+def _content(lines: list[str], skipped: int) -> tuple[np.ndarray, list[str]]:
+    """Lines with the header first, and comments; the header may be the last comment, whose mark is then taken off."""
+    kinds = np.array([k >= skipped and _kind(line) for k, line in enumerate(lines)], dtype=int)
+    content, comments = np.flatnonzero(kinds == 1), np.flatnonzero(kinds == 2)
+    texts = [lines[k] for k in comments]
+    begin = lines[content[0]] if content.size else ""
+    first = _cells_of_line(begin, _delimiter(begin))[0] if begin else ""
+    if _is_number(first) or _BEGIN_OF_STAMP.match(first):
+        before = comments[comments < content[0]][-1:]
+        for k in before:
+            lines[k] = lines[k].strip(" \t#%")
+        content = np.append(before, content)
+    return content, texts
 
 
-def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """Lines with the header first; it may be the last comment before the numbers."""
-    first = _cells_of_line(content[0][1], _delimiter(content[0][1]))[0] if content else ""
-    if not (_is_number(first) or _BEGIN_OF_STAMP.match(first)):
-        return content
-    before = [(number, line.strip(" \t#%")) for number, line in comments if number < content[0][0]]
-    return [*before[-1:], *content]
+def _kind(line: str) -> int:
+    """0 for an empty line, 1 for content, 2 for a comment."""
+    text = line.strip()
+    return 0 if not text else 2 if text.startswith(_COMMENTS) else 1
 
 
 def _unbroken(lines: list[str]) -> list[str]:
@@ -394,14 +423,13 @@ def _unbroken(lines: list[str]) -> list[str]:
     return lines
 
 
-def _titles(content: list[tuple[int, str]], delimiter: str) -> int:
+def _titles(begin: Sequence[str], ends: Sequence[str], delimiter: str) -> int:
     """Number of lines before the header, which is filled, of words, and as wide as most rows at the end of the file."""
-    ends = [line for _, line in content[-2 * _FEWEST_LINES :]]
     mark = delimiter or Counter(map(_delimiter, ends)).most_common(1)[0][0] if ends else " "
     width, rows = Counter(len(_cells_of_line(line, mark)) for line in ends).most_common(1)[0] if ends else (0, 0)
-    if mark == " " or len(content) < _FEWEST_LINES or rows <= 0.5 * len(ends):
+    if mark == " " or len(begin) < _FEWEST_LINES or rows <= 0.5 * len(ends):
         return 0
-    for titles, (_, line) in enumerate(content[:_MOST_TITLES]):
+    for titles, line in enumerate(begin):
         cells = _cells_of_line(line, mark)
         if len(cells) == width and sum(map(bool, map(str.strip, cells))) > 0.5 * width:
             return 0 if _is_unit_row(cells) or any(map(_is_number, cells)) else titles
@@ -462,20 +490,21 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[list[tuple[int, list[str]]], list[str]]:
-    """Rows with a cell for each heading, without empty rows and an incomplete last one."""
-    filled = [(number, cells) for number, cells in rows if any(map(str.strip, cells))]
-    notes = [f"{len(rows) - len(filled)} empty rows left out."] if len(filled) < len(rows) else []
-    if filled and len(filled[-1][1]) < n:
-        number, cells = filled[-1]
-        notes.append(f"Line {number}, the last, left out: it breaks off after {len(cells)} of {n} columns.")
-        filled.pop()
-    if len(filled) < 2:
-        raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(filled)} complete; check it.")
-    for number, cells in filled:
-        if len(cells) < n or any(map(str.strip, cells[n:])):
+def _whole_rows(
+    lines: Sequence[str], body: np.ndarray, delimiter: str, widths: np.ndarray, n: int, path: Path
+) -> tuple[np.ndarray, list[str]]:
+    """Lines with a cell for each of n headings, without empty ones and an incomplete last one."""
+    filled, widths = body[widths > 0], widths[widths > 0]
+    notes = [f"{body.size - filled.size} empty rows left out."] if filled.size < body.size else []
+    if filled.size and widths[-1] < n:
+        notes.append(f"Line {filled[-1] + 1}, the last, left out: it breaks off after {widths[-1]} of {n} columns.")
+        filled, widths = filled[:-1], widths[:-1]
+    if filled.size < 2:
+        raise TrialError(f"{path}: a trial has a header and at least two rows, found {filled.size} complete; check it.")
+    for k, width in zip(filled[widths != n], widths[widths != n], strict=True):
+        if width < n or any(map(str.strip, _cells_of_line(lines[k], delimiter)[n:])):
             raise TrialError(
-                f"{path}, line {number}: the header has {n} columns, found {len(cells)}; mend it, or state how many "
+                f"{path}, line {k + 1}: the header has {n} columns, found {width}; mend it, or state how many "
                 "lines stand before the header, skip_rows, in a format file."
             )
     return filled, notes
@@ -483,19 +512,19 @@ def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[
 
 def _with_whole_stamps(table: TextTable) -> TextTable:
     """Table whose milli- or nanoseconds are decimals of the stamps beside, and whose parts of a date are one stamp."""
-    headings, rows, notes = list(table.headings), table.rows, list(table.notes)
+    headings, columns, notes = list(table.headings), list(table.columns), list(table.notes)
     for seconds, (fraction, digits) in fraction_columns(headings).items():
         with suppress(ValueError):
-            stamps = [with_fraction(row[seconds], row[fraction], digits) for row in rows]
-            rows = [[*row[:seconds], stamp, *row[seconds + 1 :]] for row, stamp in zip(rows, stamps, strict=True)]
+            pairs = zip(texts_of(columns[seconds]), texts_of(columns[fraction]), strict=True)
+            columns[seconds] = [with_fraction(stamp, more, digits) for stamp, more in pairs]
             notes.append(f"{headings[fraction]!r} added to {headings[seconds]!r}.")
             headings[fraction] = ""
     if parts := date_columns(headings):
         *others, last = parts
         notes.append(f"Stamps of {', '.join(repr(headings[k]) for k in parts)}.")
-        rows = [[*row[:last], stamp_of_parts([row[k] for k in parts]), *row[last + 1 :]] for row in rows]
+        columns[last] = [stamp_of_parts(row) for row in zip(*(texts_of(columns[k]) for k in parts), strict=True)]
         headings = ["" if k in others else "time" if k == last else heading for k, heading in enumerate(headings)]
-    return replace(table, headings=headings, rows=rows, notes=notes)
+    return replace(table, headings=headings, columns=columns, notes=notes)
 
 
 def _coarse(table: TextTable) -> set[int]:
@@ -503,26 +532,28 @@ def _coarse(table: TextTable) -> set[int]:
     clocks = [k for k, heading in enumerate(table.headings) if TIME in channels_of(heading)]
     if len(clocks) < 2:
         return set()
-    return {k for k in clocks if len(table.rows) > _REPEATED * len({row[k] for row in table.rows})}
+    return {k for k in clocks if table.lines.size > _REPEATED * number_of_different(table.columns[k])}
 
 
 def _with_bare_numbers(table: TextTable) -> TextTable:
     """Table whose cells have numbers alone; a rudder with letters of its side is positive to starboard."""
-    headings, rows = with_letters_beside(table.headings, table.rows)
+    headings, columns = with_letters_beside(table.headings, table.columns)
     units, notes, stated = list(table.units), list(table.notes), dict(table.settings)
     for k, heading in enumerate(table.headings):
-        if read := bare_numbers(heading, units[k], rows, k):
-            rows = [[*row[:k], number, *row[k + 1 :]] for row, number in zip(rows, read.cells, strict=True)]
+        if read := bare_numbers(heading, units[k], columns[k]):
+            columns[k] = cells_of(read.cells)
             stated |= read.stated
             units[k] = read.unit
             notes += read.notes
     side = stated.pop("rudder_positive", table.rudder_positive)
-    return replace(table, headings=headings, units=units, rows=rows, notes=notes, rudder_positive=side, settings=stated)
+    table = replace(table, headings=headings, units=units, columns=columns, notes=notes)
+    return replace(table, rudder_positive=side, settings=stated)
 
 
 def _stamps(table: TextTable, column: Column) -> list[str]:
     """Stamps if most of them are text, empty where missing; no item if most are numbers."""
-    stamps = [row[column.index].strip()[:_LONGEST_STAMP] for row in table.rows]
+    cells = table.columns[column.index]
+    stamps = [] if isinstance(cells, Numbers) else [cell.strip()[:_LONGEST_STAMP] for cell in cells]
     stamps = ["" if stamp.lower() in MISSING_CELLS else stamp for stamp in stamps]
     texts = sum(not _is_number(stamp) for stamp in stamps if stamp)
     return stamps if texts > 0.5 * sum(map(bool, stamps)) else []
@@ -530,8 +561,12 @@ def _stamps(table: TextTable, column: Column) -> list[str]:
 
 def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     """Numbers of each column, NaN for missing cells."""
-    texts = {name: [row[column.index].strip() for row in table.rows] for name, column in columns.items()}
-    joined = {name: "".join(cells) for name, cells in texts.items()}
+    read = {name: table.columns[column.index] for name, column in columns.items()}
+    texts = {name: [cell.strip() for cell in cells] for name, cells in read.items() if not isinstance(cells, Numbers)}
+    joined = {
+        name: "." * cells.has_point if isinstance(cells, Numbers) else "".join(texts[name])
+        for name, cells in read.items()
+    }
     texts, counts, doubtful = without_thousands(texts, joined)
     joined |= {name: "".join(texts[name]) for name in counts}
     notes = [f"Thousands separators of {count} cells of {columns[k].heading} left out." for k, count in counts.items()]
@@ -545,49 +580,21 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
         texts = {name: [cell.replace(",", ".") for cell in cells] for name, cells in texts.items()}
         notes.append("Decimal commas read as points.")
     numbers = {}
-    for name, cells in texts.items():
-        values = cell_numbers(cells)
-        if None in values:
-            position = values.index(None)
-            cell = cells[position][:_LONGEST_STAMP]
+    for name, cells in read.items():
+        parsed = [] if isinstance(cells, Numbers) else cell_numbers(texts[name])
+        if None in parsed:
+            position = parsed.index(None)
+            cell = texts[name][position][:_LONGEST_STAMP]
             marked = ", ".join(columns[one].heading for one in with_mark["."] if "," in cell)
             remedy = f"beside points in {marked}; write one decimal mark" if marked else "correct or empty the cell"
             raise TrialError(
                 f"{path}, line {table.lines[position]}, column {columns[name].heading}: a number is needed, found "
                 f"{cell!r}{' ' if marked else '; '}{remedy}."
             )
-        numbers[name] = np.array(values)
-        numbers[name][~(np.abs(numbers[name]) < _LARGEST)] = np.nan
+        values = cells.values if isinstance(cells, Numbers) else np.array(parsed, dtype=float)
+        numbers[name] = np.where(np.abs(values) < _LARGEST, values, np.nan)
         small = (numbers[name] != 0.0) & (np.abs(numbers[name]) < 1.0 / _LARGEST)
         numbers[name][small] = 0.0
         if small.any():
             notes.append(f"{int(small.sum())} cells of {name}, all within {1.0 / _LARGEST:g} of zero, read as 0.")
-    return numbers, [*notes, *_without_stand_ins(columns, numbers)]
-
-
-def _without_stand_ins(columns: dict[str, Column], numbers: dict[str, np.ndarray]) -> list[str]:
-    """Empty the cells of a satellite receiver and a rudder that stand for missing ones; sentences on them.
-
-    Other channels keep theirs for the check of stand-ins, but for a heading that turns velocities over ground.
-    """
-    names, notes = [name for name in (*GROUND, "delta") if name in columns], []
-    if is_over_ground(columns):
-        names.append("psi")
-    for name in names:
-        for number, cells in receiver_stand_ins(name, numbers[name]).items():
-            numbers[name][cells] = np.nan
-            count = int(cells.sum())
-            held = f"{count} cell{'s' if count > 1 else ''} of {columns[name].heading!r}"
-            notes.append(f"{number:g} in {held} taken as not available: far from the values beside.")
-    return notes
-
-
-def _implausible(columns: dict[str, Column], cells: dict[str, np.ndarray]) -> list[str]:
-    """A remark on rudder and roll angles that are too large for rad."""
-    notes = []
-    for name in ("phi", "delta"):
-        if name in columns and columns[name].unit == "rad":
-            largest = np.abs(cells[name][np.isfinite(cells[name])]).max(initial=0.0)
-            if largest > 0.5 * np.pi:
-                notes.append(f"{name} reaches {largest:.3g} rad; if it is in deg, call the column '{name} [deg]'.")
-    return notes
+    return numbers, [*notes, *without_stand_ins(columns, numbers)]

@@ -16,9 +16,7 @@ import xarray as xr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.files.columns import (
     MAGNETIC,
-    MISSING_CELLS,
     Column,
-    cell_numbers,
     channels_of,
     is_from_true_north,
     is_unit,
@@ -27,6 +25,7 @@ from pymc_ship.records.files.columns import (
 )
 from pymc_ship.records.files.format import TrialFormat
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares, ship_blocks, ship_scale
+from pymc_ship.trial.cells import MISSING_CELLS, Cells, Numbers, cell_numbers, texts_of
 from pymc_ship.trial.record import AXES
 
 FOUND = "rudder_positive"  # attribute of a trial: side of the file's positive rudder, where the record showed it
@@ -256,22 +255,29 @@ def letters_of(heading: str) -> tuple[str, Mapping[str, str]]:
     return next(((one.name, _LETTERS[one.name]) for one in channels_of(heading) if one.name in _LETTERS), ("", {}))
 
 
-def with_letters_beside(headings: Sequence[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows where letters in a column of their own, such as N and S, stand behind the numbers beside."""
-    named = list(headings)
+def with_letters_beside(headings: Sequence[str], columns: Sequence[Cells]) -> tuple[list[str], list[Cells]]:
+    """Headings and columns where letters in a column of their own, such as N and S, stand behind the numbers beside."""
+    named, beside = list(headings), list(columns)
     for k, heading in enumerate(headings):
-        if next((row[k].strip().upper() for row in rows if row[k].strip()), "") not in _SIDES:
+        cells = beside[k]
+        if isinstance(cells, Numbers) or next(filter(None, map(_letter, cells)), "") not in _SIDES:
             continue
-        letters = {row[k].strip().upper() for row in rows} - {""}
+        letters = {*map(_letter, cells)} - {""}
         sided = [j for j, name in enumerate(named) if letters <= letters_of(name)[1].keys()]
         word = plain_name(heading).split(" ")[0]
         targets = [j for j in sided if word and name_and_unit(named[j])[0].startswith(word)]
         is_beside = not _BESIDE.isdisjoint(re.split(r"\W+", plain_name(heading)))
         targets += [j for j in (k - 1, k + 1) if j in sided and is_beside]
-        if targets and (letters <= _NORTH or not any(row[targets[0]].strip().startswith("-") for row in rows)):
-            named[k], at = "", targets[0]
-            rows = [[*row[:at], f"{row[at]} {row[k]}" if row[at].strip() else "", *row[at + 1 :]] for row in rows]
-    return named, rows
+        numbers = texts_of(beside[targets[0]]) if targets else []
+        if targets and (letters <= _NORTH or not any(number.strip().startswith("-") for number in numbers)):
+            named[k] = ""
+            pairs = zip(numbers, cells, strict=True)
+            beside[targets[0]] = [f"{number} {letter}" if number.strip() else "" for number, letter in pairs]
+    return named, beside
+
+
+def _letter(cell: str) -> str:
+    return cell.strip().upper()
 
 
 class BareNumbers(NamedTuple):
@@ -283,14 +289,16 @@ class BareNumbers(NamedTuple):
     notes: list[str]
 
 
-def bare_numbers(heading: str, unit: str, rows: Sequence[Sequence[str]], k: int) -> BareNumbers | None:
-    """Numbers of column k with a unit, or the letter of a side, beside each of them; None for another column."""
+def bare_numbers(heading: str, unit: str, column: Cells) -> BareNumbers | None:
+    """Numbers of a column with a unit, or the letter of a side, beside each of them; None for another column."""
+    if isinstance(column, Numbers):
+        return None
     channel, signs = letters_of(heading)
-    first = next((row[k] for row in rows if row[k].strip().lower() not in MISSING_CELLS), "")
-    text = "".join([row[k] for row in rows]) if signs else first
+    first = next((cell for cell in column if cell.strip().lower() not in MISSING_CELLS), "")
+    text = "".join(column) if signs else first
     if not _NO_NUMBER.search(text) or not _LETTER.search(text):
         return None
-    cells, notes = [row[k].strip() for row in rows], []
+    cells, notes = [cell.strip() for cell in column], []
     degrees = [_decimal_degrees(cell) for cell in cells] if channel in ("latitude", "longitude") else cells
     if degrees != cells:
         cells, unit, notes = degrees, unit or "deg", [f"{heading}: degrees and minutes of each position read."]
@@ -318,18 +326,24 @@ def _meaning(channel: str, letters: Set[str], unit: str) -> tuple[str, dict[str,
     return MAGNETIC if "M" in letters else unit, {}
 
 
-def with_minutes(columns: dict[str, Column], rows: Sequence[Sequence[str]]) -> tuple[dict[str, Column], list[str]]:
+def with_minutes(columns: dict[str, Column], table: Sequence[Cells]) -> tuple[dict[str, Column], list[str]]:
     """Columns of positions that have degrees and minutes in one number, as most are none in degrees; a sentence."""
     pair = [columns[name] for name in ("latitude", "longitude") if name in columns]
     if len(pair) < 2 or any(one.code != Column.code or one.factor == 1.0 for one in pair):
         return columns, []
-    cells = [cell_numbers([row[one.index].strip().replace(",", ".") for row in rows]) for one in pair]
-    angles = np.abs(np.array(cells, dtype=float))  # None is NaN
+    angles = np.abs([_with_decimal_points(table[one.index]) for one in pair])
     angles = angles[:, np.isfinite(angles).all(axis=0)]
     if not angles.size or (np.median(angles, axis=1) <= [90.0, 360.0]).all() or (angles % 100.0 >= 60.0).any():
         return columns, []
     note = f"{' and '.join(one.heading for one in pair)}: degrees and minutes in one number (ddmm.mmmm) read."
     return columns | {one.channel: replace(one, code="ddmm") for one in pair}, [note]
+
+
+def _with_decimal_points(cells: Cells) -> np.ndarray:
+    """Numbers of cells with points or commas, NaN for text."""
+    if isinstance(cells, Numbers):
+        return cells.values
+    return np.array(cell_numbers([cell.replace(",", ".") for cell in cells]), dtype=float)  # None is NaN
 
 
 def _word(matched: re.Match[str]) -> str:

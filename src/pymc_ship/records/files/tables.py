@@ -22,7 +22,8 @@ import scipy
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import MOST_BYTES
-from pymc_ship.records.files.columns import channels_of, plain_text
+from pymc_ship.records.files.columns import channels_of
+from pymc_ship.trial.cells import Cells, Numbers, cells_of, plain_text
 from pymc_ship.trial.channels import TIME
 from pymc_ship.trial.units import KNOT
 
@@ -113,16 +114,12 @@ def _check_single(path: Path, columns: Columns) -> None:
     first: dict[str, Series] = {}
     for one in columns:
         other = first.setdefault(one.heading, one)
-        if other is one or not channels_of(one.heading) or _same(one.values, other.values):
+        if other is one or not channels_of(one.heading) or cell_texts(one.values) == cell_texts(other.values):
             continue
         raise TrialError(
             f"{path}: {one.heading} is to be read from one column, found {other.place or 'the file'} and "
             f"{one.place or 'the file'}; write each run to a file, or each sensor of one run to a file of one folder."
         )
-
-
-def _same(values: np.ndarray, others: np.ndarray) -> bool:
-    return values.shape == others.shape and cell_texts(values) == cell_texts(others)
 
 
 def check_size(path: Path, lengths: Sequence[int]) -> None:
@@ -142,6 +139,13 @@ def cell_texts(values: np.ndarray) -> list[str]:
     return [
         "" if value is None or value != value else plain_text(str(value)[:_LONGEST_CELL]) for value in values.tolist()
     ]
+
+
+def column_cells(values: np.ndarray) -> Cells:
+    """Cells of a column of a binary file, numbers where it has numbers alone."""
+    if values.dtype.kind in "iuf" and values.dtype.itemsize <= 8:
+        return Numbers(values.astype(float, copy=False), values.dtype.kind == "f" and bool(np.isfinite(values).any()))
+    return cells_of(cell_texts(values))
 
 
 def _parquet(path: Path) -> Table:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -46,13 +47,19 @@ class Regular(NamedTuple):
 def rounding(cells: np.ndarray) -> np.ndarray:
     """Resolution of time stamps as printed: the coarser of last decimal and last significant digit of all stamps."""
     known = np.isfinite(cells)
-    printed = [Decimal(repr(value)).normalize().as_tuple() for value in cells[known].tolist()]
-    decimals = max((-int(number.exponent) for number in printed), default=0)
-    digits = max((len(number.digits) for number in printed), default=0)
+    numbers = map(_decimals_and_digits, cells[known].tolist())
+    printed = np.fromiter(chain.from_iterable(numbers), dtype=int).reshape(-1, 2)
+    decimals, digits = printed.max(axis=0) if printed.size else (0, 0)
     magnitude = np.floor(np.log10(np.maximum(np.abs(cells[known]), 1e-300)))
     quantum = np.zeros_like(cells)
-    quantum[known] = np.maximum(10.0**-decimals, 10.0 ** (magnitude + 1 - max(digits, _FEWEST_DIGITS)))
+    quantum[known] = np.maximum(10.0 ** -float(decimals), 10.0 ** (magnitude + 1 - max(digits, _FEWEST_DIGITS)))
     return quantum
+
+
+def _decimals_and_digits(value: float) -> tuple[int, int]:
+    """Number of decimals of a number as printed, negative for tens, and of its significant digits."""
+    printed = Decimal(repr(value)).normalize().as_tuple()
+    return -int(printed.exponent), len(printed.digits)
 
 
 def in_order(
