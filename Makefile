@@ -44,7 +44,7 @@ collected: lint
 kernels: $(STAMP)  ## compile the kernels of the commands, once for all
 	folder=$$(mktemp -d) && cd $$folder && \
 	$(CURDIR)/$(VENV)/bin/pymc-ship simulate container --zigzag 20/20 --duration 100 --noise 0.01 --quiet --out trial.csv && \
-	$(CURDIR)/$(VENV)/bin/pymc-ship fit trial.csv --vessel container --quiet --out fitted && \
+	$(CURDIR)/$(VENV)/bin/pymc-ship fit trial.csv --vessel container --draws 40 --quiet --out fitted && \
 	rm -r $$folder
 
 docs: $(STAMP)  ## the pages of docs/ with the docstrings -> docs/_build/index.html

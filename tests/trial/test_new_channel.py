@@ -149,4 +149,4 @@ def test_it_does_not_disturb_checks_and_fits(trial, container):
 def test_a_trajectory_is_fitted_to_states_alone(trial, container):
     rng = np.random.default_rng(1)
     with refused(ps.TrialError, "a_y", "rk4"):
-        ps.trajectory_posterior([trial], container, channels=["u", "a_y"], draws=4, rng=rng)
+        ps.trajectory_posterior([trial], container, channels=["u", "a_y"], draws=40, rng=rng)

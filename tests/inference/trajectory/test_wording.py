@@ -80,8 +80,8 @@ test_value_errors = wording(
     *(
         (sentence, partial(with_chains, draws=draws, chains=chains))
         for draws, chains, sentence in [
-            (10, 4, "found 10 draws for 4 chains; give a multiple"),
-            (0, 4, "draws must be a whole number from 1 up, found 0"),
+            (30, 4, "found 30 draws for 4 chains; give a multiple"),
+            (24, 4, "draws must be a whole number from 25 up, found 24"),
             (4, 0, "chains must be a whole number from 1 up, found 0"),
         ]
     ),

@@ -23,6 +23,7 @@ from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 
 KHAT_LIMIT = 0.7  # Pareto k-hat above which the normal approximation is unreliable (Vehtari et al. 2024)
+_FEWEST_DRAWS = 25  # of whose importance weights a fifth are the tail of k-hat, five or more
 _LOG_2PI = np.log(2.0 * np.pi)
 
 
@@ -96,7 +97,8 @@ def trajectory_posterior(
     >>> print(f"{draws.mean():.5f}, {vessel.coefficients('yaw').sel(coefficient='Ngsincos'):.5f}")
     -0.00176, -0.00176
     """
-    check_counts(draws=draws, chains=chains)
+    check_counts(chains=chains)
+    check_counts(draws=draws, least=_FEWEST_DRAWS)
     rng, vessel = random_generator(rng), as_vessel(vessel)
     if draws % chains:
         raise ShipError(
@@ -112,9 +114,10 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
     unknowns, eta, linear = approximate_draws(fit, chains, draws // chains, rng)
     log_likelihood = log_likelihood_rows(fit, unknowns)
     finite = np.isfinite(log_likelihood).all(axis=1)
-    if not finite.any():
+    if finite.sum() < _FEWEST_DRAWS:
         raise FitError(
-            "The normal approximation needs a draw that does not diverge, found none; give a narrower prior."
+            f"The normal approximation needs {_FEWEST_DRAWS} draws that do not diverge, found {finite.sum()} of "
+            f"{finite.size}; give a narrower prior, or more draws."
         )
     khat = pareto_khat((log_likelihood.sum(axis=1) - linear)[finite])
     attrs = {"pareto_khat": khat, "verdict": verdict(khat), "diverged_fraction": float(np.mean(~finite))}
