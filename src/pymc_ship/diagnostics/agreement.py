@@ -17,13 +17,12 @@ from pymc_ship.diagnostics.regression import DESIGN, data_of, free_posterior, pr
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.priors import ExactPosterior
-from pymc_ship.inference.regression.tree import drawn_coefficients
+from pymc_ship.inference.regression.tree import SAMPLE, drawn_coefficients
 from pymc_ship.inference.sampling.error_laws import errors_of
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import ShipError
 
 PROBABILITIES = (0.05, 0.5, 0.95)  # probabilities of the quantiles compared
-_SAMPLE = ("chain", "draw")
 
 
 def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> xr.Dataset:
@@ -141,7 +140,7 @@ def _compare(tree: xr.DataTree, exact: xr.Dataset) -> xr.Dataset:
     values["z_sd"] = (values["sd"] - exact["exact_sd"]) / values["mcse_sd"]
     if "exact_quantile" in exact:
         below = (draws < exact["exact_quantile"]).astype(float)
-        values["ecdf"] = below.mean(_SAMPLE)
+        values["ecdf"] = below.mean(SAMPLE)
         probability = exact["probability"]
         error = np.sqrt(probability * (1.0 - probability) / az.ess(below, method="mean"))
         values["z_quantile"] = (values["ecdf"] - probability) / error

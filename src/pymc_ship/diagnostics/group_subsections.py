@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 
 from pymc_ship.diagnostics.posterior_statistics import CI_PROB, ESS_LIMIT, R_HAT_LIMIT, TAILS, has
 from pymc_ship.diagnostics.subsections import Subsection
+from pymc_ship.inference.regression.tree import SAMPLE
 from pymc_ship.pages.drawing import BLUE, NOISE, RUST, house_style, subplots
 from pymc_ship.pages.tables import Columns, Table, number, percent, table
 
-_SAMPLE = ("chain", "draw")
 _COLOURS = (BLUE, RUST, "#3a8f4d", "#8a5fbf", "#c08a1e", "#4d4d4d")
 
 
@@ -27,8 +27,8 @@ def group_differences(tree: xr.DataTree) -> xr.Dataset:
     pairs = list(combinations(draws["group"].values.tolist(), 2))
     difference = xr.concat([draws.sel(group=a, drop=True) - draws.sel(group=b, drop=True) for a, b in pairs], "pair")
     difference = difference.assign_coords(pair=[f"{a} - {b}" for a, b in pairs])
-    low, high = (difference.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in TAILS)
-    moments = {"mean": difference.mean(_SAMPLE), "sd": difference.std(_SAMPLE, ddof=1), "lower": low, "upper": high}
+    low, high = (difference.quantile(tail, SAMPLE).drop_vars("quantile") for tail in TAILS)
+    moments = {"mean": difference.mean(SAMPLE), "sd": difference.std(SAMPLE, ddof=1), "lower": low, "upper": high}
     return xr.Dataset(moments).assign(differs=(low > 0.0) | (high < 0.0))
 
 
@@ -74,9 +74,9 @@ def _convergence_text(tree: xr.DataTree) -> str:
 def _table(tree: xr.DataTree, differences: xr.Dataset) -> Table:
     posterior = tree["posterior"].dataset
     groups = posterior["group"].values.tolist()
-    mean = 1e5 * posterior["group_coefficients"].mean(_SAMPLE)
-    sd = 1e5 * posterior["group_coefficients"].std(_SAMPLE, ddof=1)
-    between = 1e5 * posterior["group_sd"].mean(_SAMPLE)
+    mean = 1e5 * posterior["group_coefficients"].mean(SAMPLE)
+    sd = 1e5 * posterior["group_coefficients"].std(SAMPLE, ddof=1)
+    between = 1e5 * posterior["group_sd"].mean(SAMPLE)
     n, rows = number(3), []
     for name in posterior["coefficient"].values.tolist():
         one = {"coefficient": name, "between": float(between.sel(coefficient=name))}
@@ -99,9 +99,9 @@ def _table(tree: xr.DataTree, differences: xr.Dataset) -> Table:
 def _figure(draws: xr.DataArray) -> Figure:
     """Interval of each coefficient in every group, about the mean over groups, in units of its sd."""
     middle = draws.mean("group")
-    unit = middle.std(_SAMPLE, ddof=1)
-    scaled = (draws - middle.mean(_SAMPLE)) / unit
-    low, high = (scaled.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in TAILS)
+    unit = middle.std(SAMPLE, ddof=1)
+    scaled = (draws - middle.mean(SAMPLE)) / unit
+    low, high = (scaled.quantile(tail, SAMPLE).drop_vars("quantile") for tail in TAILS)
     names, groups = draws["coefficient"].values.tolist(), draws["group"].values.tolist()
     fig, axes = subplots(8.0, 1.2 + 0.3 * len(names) * max(1.0, 0.35 * len(groups)))
     ax = axes[0, 0]
@@ -110,7 +110,7 @@ def _figure(draws: xr.DataArray) -> Figure:
         at = {"group": group}
         colour = _COLOURS[k % len(_COLOURS)]
         ax.hlines(height, low.sel(at), high.sel(at), color=colour, lw=1.4)
-        ax.plot(scaled.sel(at).mean(_SAMPLE), height, "o", color=colour, ms=3.5, label=group)
+        ax.plot(scaled.sel(at).mean(SAMPLE), height, "o", color=colour, ms=3.5, label=group)
     ax.axvline(0.0, color=NOISE, lw=0.8, zorder=0)
     ax.set_yticks(np.arange(len(names))[::-1], names)
     ax.set_xlabel("(coefficient of the group − mean over groups) / sd of that mean")

@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from pymc_ship.inference.regression.tree import SAMPLE
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.machine.errors import ShipError
 
@@ -30,7 +31,6 @@ PSENSE_LIMIT = 0.05
 """Sensitivity above which a quantity depends on power-scaling of prior or likelihood (Kallioinen et al. 2024)."""
 
 DETERMINATIONS = ("determined", "prior", "includes zero")  # by the data, by the prior, or zero within 1.96 sd
-_SAMPLE = ("chain", "draw")
 
 
 def check_draws(tree: xr.DataTree, name: str, required: Mapping[str, tuple], attrs: Sequence[str]) -> None:
@@ -63,20 +63,20 @@ def missing(tree: xr.DataTree, *wanted: str) -> list[str]:
 def quantities(tree: xr.DataTree) -> xr.DataArray:
     """Draws of coefficients, noise variance, initial states and sensor offsets, dims (chain, draw, quantity)."""
     posterior = tree["posterior"].dataset
-    values = [posterior["coefficients"].transpose(*_SAMPLE, "coefficient").values]
+    values = [posterior["coefficients"].transpose(*SAMPLE, "coefficient").values]
     names = [str(name) for name in posterior["coefficient"].values]
     if "noise_variance" in posterior:
-        values.append(posterior["noise_variance"].transpose(*_SAMPLE).values[:, :, None])
+        values.append(posterior["noise_variance"].transpose(*SAMPLE).values[:, :, None])
         names.append("noise_variance")
     for name, of, template in (("initial_state", "state", "initial {}"), ("sensor_offset", "channel", "offset of {}")):
         if name not in posterior:
             continue
-        draws = posterior[name].transpose(*_SAMPLE, "run", of)
+        draws = posterior[name].transpose(*SAMPLE, "run", of)
         for run, label in np.argwhere(np.isfinite(draws.values).all((0, 1))):
             values.append(draws.values[:, :, run, label, None])
             names.append(f"{template.format(draws[of].values[label])}, run {run + 1}")
-    coords = {name: posterior[name].values for name in _SAMPLE} | {"quantity": names}
-    return xr.DataArray(np.concatenate(values, axis=2), coords, (*_SAMPLE, "quantity"))
+    coords = {name: posterior[name].values for name in SAMPLE} | {"quantity": names}
+    return xr.DataArray(np.concatenate(values, axis=2), coords, (*SAMPLE, "quantity"))
 
 
 @np.errstate(divide="ignore", invalid="ignore")
@@ -88,8 +88,8 @@ def summary(tree: xr.DataTree) -> xr.Dataset:
     import arviz as az
 
     draws = quantities(tree)
-    tails = draws.quantile(TAILS, _SAMPLE).values
-    mean, sd = draws.mean(_SAMPLE), draws.std(_SAMPLE, ddof=1)
+    tails = draws.quantile(TAILS, SAMPLE).values
+    mean, sd = draws.mean(SAMPLE), draws.std(SAMPLE, ddof=1)
     unit = (draws - mean) / sd.where(sd > 0.0, 1.0)  # ArviZ takes what varies by less than 1e-15 for constant
     values = {
         "mean": mean,
@@ -233,7 +233,7 @@ def contraction(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
     deviations from zero. Dims (coefficient,): ``mean``, ``sd``, ``prior_sd``, ``contraction``, ``is_contracted``,
     ``determined``.
     """
-    mean, sd = draws.mean(_SAMPLE), draws.std(_SAMPLE, ddof=1)
+    mean, sd = draws.mean(SAMPLE), draws.std(SAMPLE, ddof=1)
     by_variance = 1.0 - (sd / prior_sd) ** 2
     is_contracted = by_variance > CONTRACTION_LIMIT
     values = {"mean": mean, "sd": sd, "prior_sd": prior_sd, "contraction": by_variance, "is_contracted": is_contracted}

@@ -13,7 +13,7 @@ from pymc_ship.diagnostics import posterior_statistics
 from pymc_ship.diagnostics.posterior_statistics import CI_PROB, SD_LIMIT, TAILS, check_draws, has
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import Prior
-from pymc_ship.inference.regression.tree import drawn_coefficients
+from pymc_ship.inference.regression.tree import SAMPLE, drawn_coefficients
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import OWN, errors_of, known_errors_of, log_likelihood_group
 from pymc_ship.inference.sampling.predictive import predictive, prior_draws
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
 _PREDICTIVE = ("prior", "prior_predictive", "posterior_predictive")  # groups of with_predictive
-_SAMPLE = ("chain", "draw")
 _NOISE = {"noise_variance": ("chain", "draw")}  # checked where a tree has it
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
 _WIDTH_DRAWS, _RATIO_DRAWS = 20000, 400  # draws of the prior for the widths of sigma2, and for the predicted rms
@@ -49,7 +48,7 @@ def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
 
 def _has_draws_of(drawn: xr.Dataset, group: xr.Dataset) -> bool:
     """Whether a group has the chains and draws of another, which number from 0 where they have no coordinates."""
-    return all(dim in group.dims and group.get_index(dim).equals(drawn.get_index(dim)) for dim in _SAMPLE)
+    return all(dim in group.dims and group.get_index(dim).equals(drawn.get_index(dim)) for dim in SAMPLE)
 
 
 def fixed_of(tree: xr.DataTree) -> dict[str, float]:

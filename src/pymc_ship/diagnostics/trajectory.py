@@ -10,6 +10,7 @@ import xarray as xr
 from pymc_ship.diagnostics import posterior_statistics
 from pymc_ship.diagnostics.posterior_statistics import SD_LIMIT, check_draws, whiteness
 from pymc_ship.inference.identifiability.information import UNKNOWN
+from pymc_ship.inference.regression.tree import SAMPLE
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import whiten
 from pymc_ship.machine.errors import ShipError
@@ -24,14 +25,13 @@ METHODS = ("trajectory", "trajectory_nuts")
 _RECORDED = ("time", "run", "fitted", "block_sd", "correlation")
 RESIDUAL_VARIABLES = (*(f"constant_data/{name}" for name in _RECORDED), "observed_data/response")
 PRIOR_VARIABLES = ("constant_data/prior_sd",)  # variables of a tree for the comparison of posterior and prior
-_SAMPLE = ("chain", "draw")
 _ATTRS = ("dof", "vessel", "prior", "integrator", "noise_model", "noise_sentence", "starts", "starts_agreeing")
 
 
 def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
     """Raise a ValueError that names what a tree lacks to be a posterior of a trajectory fit."""
     needed = (*_ATTRS, *(["pareto_khat"] if tree.attrs["method"] == "trajectory" else []))
-    check_draws(tree, name, {"coefficients": (*_SAMPLE, "coefficient")}, needed)
+    check_draws(tree, name, {"coefficients": (*SAMPLE, "coefficient")}, needed)
     try:
         prior = json.loads(tree.attrs["prior"])
         sizes = {len(prior[key]) for key in ("mean", "scale")} | {tree["posterior"].sizes["coefficient"]}
@@ -83,7 +83,7 @@ def directions(tree: xr.DataTree) -> xr.Dataset:
     dataset = contraction(tree)
     proper = np.isfinite(dataset["prior_sd"].values)
     names = dataset["coefficient"].values[proper].tolist()
-    draws = tree["posterior"].dataset["coefficients"].stack(sample=_SAMPLE).transpose("sample", "coefficient").values
+    draws = tree["posterior"].dataset["coefficients"].stack(sample=SAMPLE).transpose("sample", "coefficient").values
     scaled = (draws[:, proper] - draws[:, proper].mean(axis=0)) / dataset["prior_sd"].values[proper]
     _, _, right = np.linalg.svd(scaled[::2], full_matrices=True)
     remaining = np.var(scaled[1::2] @ right.T, axis=0, ddof=1)
@@ -106,7 +106,7 @@ def residuals(tree: xr.DataTree) -> xr.Dataset:
     run, channels = constant["run"].values, constant["channel"].values
     misfit = (tree["observed_data"].dataset["response"] - constant["fitted"]).transpose("row", "channel").values
     if "sensor_offset" in posterior:
-        offset = posterior["sensor_offset"].mean(_SAMPLE).sel(channel=channels).transpose("run", "channel").values
+        offset = posterior["sensor_offset"].mean(SAMPLE).sel(channel=channels).transpose("run", "channel").values
         misfit = misfit - np.nan_to_num(offset)[run]
     sd, correlation = (constant[name].transpose("run_index", "channel").values for name in ("block_sd", "correlation"))
     white = np.empty_like(misfit)
@@ -149,10 +149,10 @@ def channel_rows(tree: xr.DataTree) -> list[dict]:
 
 def without_diverged_draws(tree: xr.DataTree) -> xr.DataTree:
     """Draws whose simulation did not diverge on the records, as one chain."""
-    running = np.isfinite(tree["log_likelihood"].dataset["response"].transpose(*_SAMPLE, "row").values).all(axis=-1)
+    running = np.isfinite(tree["log_likelihood"].dataset["response"].transpose(*SAMPLE, "row").values).all(axis=-1)
     if running.all():
         return tree
     chain, draw = (xr.DataArray(position, dims="draw") for position in np.nonzero(running))
-    groups = {name: node.to_dataset() for name, node in tree.children.items() if set(_SAMPLE) <= set(node.dims)}
-    groups = {name: group.isel(chain=chain, draw=draw).drop_vars(_SAMPLE) for name, group in groups.items()}
+    groups = {name: node.to_dataset() for name, node in tree.children.items() if set(SAMPLE) <= set(node.dims)}
+    groups = {name: group.isel(chain=chain, draw=draw).drop_vars(SAMPLE) for name, group in groups.items()}
     return xr.DataTree.from_dict({name: group.expand_dims(chain=[0]) for name, group in groups.items()})

@@ -37,8 +37,8 @@ _SUM, _ZARR = "sha256", "zarr.json"
 _SCALING = ("column_center", "column_scale", "response_center", "response_scale")
 _PACKAGES = ("pymc-ship", "numpy", "scipy", "xarray", "arviz", "pymc")
 
-_SAMPLE = ("chain", "draw")
-R_HAT_MIXED = 1.1  # R-hat above which chains differ in any number of draws: Gelman & Rubin (1992)
+SAMPLE = ("chain", "draw")  # dims of every draw, as of ArviZ
+_R_HAT_MIXED = 1.1  # R-hat above which chains differ in any number of draws: Gelman & Rubin (1992)
 _CHANCE = 10.0  # variance between over within chains, times the draws, that independent draws do not reach
 
 FILES = (".nc", ".zarr")  # endings of the files of a posterior
@@ -139,8 +139,8 @@ def drawn_coefficients(tree: xr.DataTree, what: str = "A posterior", *, group: s
     InferenceError for other dims, values that are not finite, or a noise variance that is not positive.
     """
     drawn = posterior_group(tree) if group == "posterior" else tree[group].to_dataset()
-    drawn = drawn.transpose(*_SAMPLE, ..., missing_dims="ignore")
-    if "coefficients" not in drawn or drawn["coefficients"].dims != (*_SAMPLE, "coefficient"):
+    drawn = drawn.transpose(*SAMPLE, ..., missing_dims="ignore")
+    if "coefficients" not in drawn or drawn["coefficients"].dims != (*SAMPLE, "coefficient"):
         raise InferenceError(
             f"{what} needs coefficients with dims chain, draw, coefficient, found {', '.join(map(str, drawn))} with "
             f"dims {', '.join(map(str, drawn.sizes))}; give the whole tree of a posterior."
@@ -159,7 +159,7 @@ def warn_of_chains(what: str, drawn: xr.Dataset) -> None:
     values, names = drawn["coefficients"].to_numpy(), drawn["coefficient"].to_numpy()
     within, between = values.var(axis=1).mean(axis=0), values.mean(axis=1).var(axis=0)
     ratio = np.divide(between, within, out=np.zeros(len(names)), where=within > 0.0)
-    if ratio.max() > R_HAT_MIXED**2 - 1.0 + _CHANCE / values.shape[1]:
+    if ratio.max() > _R_HAT_MIXED**2 - 1.0 + _CHANCE / values.shape[1]:
         warnings.warn(
             f"{what} needs chains of one distribution, found an R-hat of {np.sqrt(1.0 + ratio.max()):.3g} of "
             f"{names[ratio.argmax()]}; draw longer chains of one fit, and do not join those of several.",

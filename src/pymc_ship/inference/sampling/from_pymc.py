@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior, check_data, check_prior
-from pymc_ship.inference.regression.tree import data_groups, rng_state, tree_attrs
+from pymc_ship.inference.regression.tree import SAMPLE, data_groups, rng_state, tree_attrs
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import OWN, law_of_draws
 from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, is_equal
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     import pymc as pm
 
 _DATA = ("observed_data", "constant_data")
-_SAMPLE = ("chain", "draw")
 _BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
 _COPIED_GROUPS = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
 
@@ -98,7 +97,7 @@ def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
             f"The posterior must have 'coefficients' with dims chain, draw and {data.n_terms} terms, found "
             f"{', '.join(map(str, group.data_vars)) or 'no variable'}; add pm.Deterministic('coefficients', ...)."
         )
-    names, dim = list(data.coefficients), group[variable].transpose(*_SAMPLE, ...).dims[-1]
+    names, dim = list(data.coefficients), group[variable].transpose(*SAMPLE, ...).dims[-1]
     labels, positions = [str(name) for name in group[dim].values], [str(k) for k in range(data.n_terms)]
     counted = labels == positions and group[dim].dtype.kind in "iu"  # PyMC counts terms without names
     if sorted(labels) == sorted(names) and (names == labels or not counted):
@@ -108,12 +107,12 @@ def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
             f"The posterior must have the coefficients of the data, {', '.join(names)}, found {', '.join(labels)}; "
             "give the data that the model was fitted to, or its names to the model."
         )
-    draws = group[variable].transpose(*_SAMPLE, dim).to_numpy()
+    draws = group[variable].transpose(*SAMPLE, dim).to_numpy()
     values = draws if variable == "coefficients" else data.to_original(draws)
     renamed = group.rename({} if dim == "coefficient" else {dim: "coefficient"}).assign_coords(coefficient=names)
     if "noise_variance" not in renamed and "scaled_noise_variance" in renamed:
         renamed = renamed.assign(noise_variance=data.response_scale**2 * renamed["scaled_noise_variance"])
-    return renamed.assign(coefficients=((*_SAMPLE, "coefficient"), values))
+    return renamed.assign(coefficients=((*SAMPLE, "coefficient"), values))
 
 
 def _row_labels(sampled: xr.DataTree, data: RegressionData) -> np.ndarray | None:
@@ -132,7 +131,7 @@ def _row_labels(sampled: xr.DataTree, data: RegressionData) -> np.ndarray | None
 def _check_order(groups: dict[str, xr.Dataset], data: RegressionData) -> None:
     """Raise ValueError for rows numbered in another order, which may be numbers of the data or of a user's table."""
     for name in set(_BY_ROW) & set(groups):
-        for dim in set(groups[name].dims) - set(_SAMPLE):
+        for dim in set(groups[name].dims) - set(SAMPLE):
             found, rows = groups[name][dim].to_numpy(), np.arange(data.n_rows)
             if not np.array_equal(found, rows) and np.array_equal(np.sort(found), rows):
                 raise ShipError(
@@ -202,7 +201,7 @@ def _named_rows(group: xr.Dataset, name: str, data: RegressionData, labels: np.n
     """
     if name not in _BY_ROW or len(group.data_vars) != 1:
         return group
-    values = next(iter(group.data_vars.values())).transpose(*_SAMPLE, ...)
+    values = next(iter(group.data_vars.values())).transpose(*SAMPLE, ...)
     if values.ndim != 3 or values.shape[-1] != data.n_rows:
         raise ShipError(
             f"The group {name} has one value for each chain, draw and row, found shape {values.shape} for "
@@ -212,5 +211,5 @@ def _named_rows(group: xr.Dataset, name: str, data: RegressionData, labels: np.n
     found = values[dim].to_numpy()
     if labels is not None and not np.array_equal(found, labels) and sorted(found) == sorted(labels):
         values = values.isel({dim: np.argsort(found)[np.argsort(np.argsort(labels))]})
-    coords = {dim: group[dim].values for dim in _SAMPLE} | {"row": rows}
-    return xr.Dataset({"response": ((*_SAMPLE, "row"), values.to_numpy())}, coords)
+    coords = {dim: group[dim].values for dim in SAMPLE} | {"row": rows}
+    return xr.Dataset({"response": ((*SAMPLE, "row"), values.to_numpy())}, coords)

@@ -35,7 +35,7 @@ ZERO = 0.3  # rudder angle [deg] up to which a zero error passes: rudder indicat
 ZEROS_AGREE = 0.3  # difference [deg] up to which approach and zigzag have the same zero error, which is then corrected
 OFF_THE_ORDER = 0.75  # deg, difference of a zigzag's angle from its order beyond the usual reading of an indicator
 LARGEST_BACKLASH = 1.5  # deg, up to which an angle is that of an order of a multiple of 5 deg, however finely read
-OVER_THE_ORDER, DELAYED = 1.25, 2.0  # heading of a reversal over the angle, and degrees beyond it: an angle cut off
+CUT_RATIO, CUT_EXCESS = 1.25, 2.0  # heading of a reversal over the angle, and beyond it [deg]: an angle cut off
 UNUSUAL = 45.0  # deg, largest angle of a usual rudder
 AMIDSHIPS = np.deg2rad(3.0)  # largest rudder angle of a ship that keeps its course
 STEPS = (2.0, 1.0, 0.5)  # deg, of coarse indicators
@@ -189,7 +189,7 @@ def rudder_angle_check(trial: xr.Dataset) -> Check:
         text += "indicator, which the rudder coefficients take over; calibrate delta."
         return Check(name, "doubtful", text, numbers)
     heading = float(np.rad2deg(np.median([abs(one.heading) for one in reversals]))) if reversals else 0.0
-    if not stated and heading > max(OVER_THE_ORDER * angle, angle + DELAYED):
+    if not stated and heading > max(CUT_RATIO * angle, angle + CUT_EXCESS):
         text += (
             f" and is reversed at a heading of {heading:.3g} deg, but a standard zigzag has as much rudder or more: "
         )

@@ -109,7 +109,7 @@ def _side_of_copy(first: xr.Dataset, second: xr.Dataset) -> int:
 def _noise(values: np.ndarray) -> np.ndarray:
     """Second differences, clipped at three robust standard deviations; 0 where they are the signal."""
     differences = np.diff(values, 2)
-    limit = 3.0 * float(np.median(np.abs(differences))) / 0.6745
+    limit = 3.0 * np.sqrt(6.0) * second_difference_sd(values[None])[0]
     clipped = np.clip(differences, -limit, limit)
     return clipped if clipped[1:] @ clipped[:-1] < _WHITE * (clipped @ clipped) else 0.0 * clipped
 
