@@ -52,7 +52,7 @@ _WORDS = {
     r"\bminutes?\b": "min",
     r"\bhours?\b": "h",
     r"\bmet(?:re|er)s?\b": "m",
-    r"[\s.·^*]": "",
+    r"[\s·^*]|(?<!\d)\.|\.(?!\d)": "",  # a point between digits is decimal
     r"(s|min)-1$": r"/\1",
     r"^/": "1/",
 }

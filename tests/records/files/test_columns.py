@@ -71,6 +71,11 @@ def matched(*headings, units=None, **chosen):
         ("shaft speed [s-1]", "n", 1.0),
         ("lat [degree_north]", "latitude", DEG),
         ("lon [degree_east]", "longitude", DEG),
+        ("heading [0.1 deg]", "psi", 0.1 * DEG),
+        ("rudder [0.1 deg]", "delta", 0.1 * DEG),
+        ("heading [gon]", "psi", 0.9 * DEG),
+        ("yaw rate [0.1 deg/s]", "r", 0.1 * DEG),
+        ("ROT [0.1 deg/min]", "r", DEG / 600.0),
     ],
 )
 def test_a_heading_is_understood(heading, channel, factor):
