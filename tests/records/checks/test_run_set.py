@@ -96,6 +96,12 @@ def test_a_mirrored_copy_is_named_by_its_noise_and_a_run_to_the_other_side_is_no
     assert repeated_runs({"a": trial, "b": noisy(mirrored(run), 1)}) == []  # one seed
 
 
+def test_yaw_rates_of_noise_alone_are_no_copies(run):
+    rng = np.random.default_rng(3)
+    still = [changed(run, r=1e-4 * rng.standard_normal(run.sizes["time"])) for _ in range(4)]
+    assert repeated_runs(dict(zip("abcd", still, strict=True))) == []
+
+
 def test_the_noise_of_one_seed_makes_no_copy_of_another_circle(container):
     runs = {angle: noisy(simulated(container, ps.turning_circle(float(angle))), 1, 0.03) for angle in ("20", "22")}
     assert repeated_runs(runs) == []
