@@ -7,48 +7,49 @@ import numpy as np
 from numba import njit
 
 from pymc_ship.machine.errors import ShipError
+from pymc_ship.physics.forces.programs import KERNEL
 
 WATER_DENSITY = 1025.0  # density of sea water [kg/m3], for forces in N and moments in N m
 GRAVITY = 9.81  # acceleration of gravity [m/s2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def rate_scale(U: float, L: float) -> float:
     """Unit of angular rates r, p [rad/s]."""
     return U / L
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def acceleration_scale(U: float, L: float) -> float:
     """Unit of linear accelerations udot, vdot [m/s2]."""
     return U * U / L
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def angular_acceleration_scale(U: float, L: float) -> float:
     """Unit of angular accelerations rdot, pdot [rad/s2]."""
     return U * U / (L * L)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def row_scale(row: int, U: float, L: float) -> float:
     """Unit of the acceleration in a row of the equations of motion: u, v linear, r, p angular."""
     return acceleration_scale(U, L) if row < 2 else angular_acceleration_scale(U, L)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def relative_speed(U: float, nominal_speed: float) -> float:
     """u_a = (U - U_nom) / U."""
     return (U - nominal_speed) / U
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def righting_arm(sin_phi: float, tan_phi: float, GM: float, BM: float) -> float:
     """GZ = (GM + 1/2 BM tan^2 phi) sin phi [m]."""
     return (GM + 0.5 * BM * tan_phi * tan_phi) * sin_phi
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def righting_moment(GZ: float, U: float, L: float, volume: float) -> float:
     """Prime restoring moment 2 g V GZ / (U^2 L^3) of the righting arm GZ [m]."""
     return 2.0 * GRAVITY * volume * GZ / (U * U * L * L * L)

@@ -9,7 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-_SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+"""Compiler settings of the kernels; without numpy's error model no loop with a division vectorises.
+
+No kernel is called from C: its wrapper would be another copy to compile.
+"""
+
+PART: dict[str, Any] = KERNEL | {"_nrt": False}
+"""The same for a function that makes no array: counting references to its arguments would double the time of a step."""
 
 ADD, SUBTRACT, MULTIPLY, DIVIDE = 0, 1, 2, 3
 ROOT, EXPONENTIAL, SINE, COSINE = 4, 5, 6, 7
@@ -44,7 +51,7 @@ class Program(NamedTuple):
         return self.n_inputs + self.n_parameters + self.constants.size + self.operation.size
 
 
-@njit(**_SETTINGS | {"fastmath": {"contract", "arcp", "nsz"}}, forceinline=True)
+@njit(**PART | {"fastmath": {"contract", "arcp", "nsz"}}, forceinline=True)
 def sin_cos(angle: float) -> tuple[float, float]:
     """Sine and cosine by the kernels of fdlibm after a three-part reduction; error at most 2 ulp."""
     turns = np.rint(angle * (2.0 / math.pi))
@@ -63,7 +70,7 @@ def sin_cos(angle: float) -> tuple[float, float]:
     return (-sine if quadrant >= 2.0 else sine), (-cosine if (quadrant == 1.0) | (quadrant == 2.0) else cosine)
 
 
-@njit(**_SETTINGS | {"fastmath": {"contract", "arcp", "nsz"}}, forceinline=True)
+@njit(**PART | {"fastmath": {"contract", "arcp", "nsz"}}, forceinline=True)
 def exponential(x: float) -> float:
     """Exponential by the kernel of Cephes after a two-part reduction; error at most 2 ulp; clipped beyond +-708."""
     x = -708.0 if x < -708.0 else (708.0 if x > 708.0 else x)
@@ -76,7 +83,7 @@ def exponential(x: float) -> float:
     return (1.0 + 2.0 * p / (q - p)) * power
 
 
-@njit(**_SETTINGS | {"fastmath": {"contract", "arcp"}}, forceinline=True)
+@njit(**PART | {"fastmath": {"contract", "arcp"}}, forceinline=True)
 def arc_tangent(y: float, x: float) -> float:
     """Angle of the direction (x, y) by the kernel of Cephes; error at most 3 ulp."""
     across, along = abs(y), abs(x)
@@ -96,7 +103,7 @@ def arc_tangent(y: float, x: float) -> float:
     return math.copysign(angle, y)
 
 
-@njit(**_SETTINGS)
+@njit(**PART)
 def set_parameters(program: Program, parameters: np.ndarray, work: np.ndarray) -> None:
     """Write parameters (n_parameters, n_lanes), constants and static operations to a workspace."""
     n_lanes = work.shape[1]
@@ -110,13 +117,13 @@ def set_parameters(program: Program, parameters: np.ndarray, work: np.ndarray) -
     _execute_range(program, work, 0, program.n_static)
 
 
-@njit(**_SETTINGS, forceinline=True)
+@njit(**PART, forceinline=True)
 def execute(program: Program, work: np.ndarray) -> None:
     """Evaluate a program on a workspace with inputs, after :func:`set_parameters`."""
     _execute_range(program, work, program.n_static, program.operation.size)
 
 
-@njit(**_SETTINGS, forceinline=True)
+@njit(**PART, forceinline=True)
 def _execute_row(kind: int, work: np.ndarray, a: int, b: int, target: int) -> None:  # noqa: C901, one branch for each operation
     n_lanes = work.shape[1]
     if kind == DIVIDE:
@@ -148,7 +155,7 @@ def _execute_row(kind: int, work: np.ndarray, a: int, b: int, target: int) -> No
             work[target, lane] = arc_tangent(work[a, lane], work[b, lane])
 
 
-@njit(**_SETTINGS, forceinline=True)
+@njit(**PART, forceinline=True)
 def _execute_range(program: Program, work: np.ndarray, begin: int, end: int) -> None:
     segments, left, right, added = program.segments, program.left, program.right, program.added
     n_lanes, first = work.shape[1], work.shape[0] - program.operation.size
@@ -169,7 +176,7 @@ def _execute_range(program: Program, work: np.ndarray, begin: int, end: int) -> 
                 _execute_row(kind, work, left[k], right[k], first + k)
 
 
-@njit(**_SETTINGS)
+@njit(**PART)
 def sweep(program: Program, work: np.ndarray, result: int, slope: np.ndarray) -> None:  # noqa: C901, one branch for each operation
     """Derivatives of one result by every row, after :func:`execute`, into ``slope`` (n_rows, n_lanes)."""
     operation, left, right, added = program.operation, program.left, program.right, program.added

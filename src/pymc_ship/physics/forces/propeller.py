@@ -8,11 +8,11 @@ Yasukawa & Yoshimura (2015), Eq. 13 to 22, doi:10.1007/s00773-014-0293-y, with J
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from numba import njit
 
-_SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+from pymc_ship.physics.forces.programs import KERNEL
 
 
 class PropellerConstants(NamedTuple):
@@ -49,7 +49,7 @@ class Propeller:
         return PropellerConstants(J, self.k_0, self.k_1, self.k_2, self.eta, self.kappa)
 
 
-@njit(**_SETTINGS)
+@njit(**KERNEL)
 def _inflow(load: float, eta: float, kappa: float) -> tuple[float, float]:
     """Square of the rudder inflow over that without slipstream, and its derivative by ``load`` = 8 K_T / (pi J^2)."""
     root = math.sqrt(max(1.0 + load, 0.0))
@@ -58,7 +58,7 @@ def _inflow(load: float, eta: float, kappa: float) -> tuple[float, float]:
     return eta * jet * jet + 1.0 - eta, slope  # Eq. 13 of docs/reference/equations.md
 
 
-@njit(**_SETTINGS)
+@njit(**KERNEL)
 def loading(u_a: float, constants: PropellerConstants) -> tuple[float, float, float, float]:
     """Propeller loading at a relative speed: g, T and their derivatives by u_a; see :class:`PropellerConstants`."""
     J_nom, k_0, k_1, k_2 = constants.J, constants.k_0, constants.k_1, constants.k_2

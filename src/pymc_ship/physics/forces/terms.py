@@ -7,12 +7,11 @@ cos(delta), ``gsincos`` that in the slipstream, ``T`` the excess thrust (:mod:`.
 import re
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numba import njit
 
-from pymc_ship.physics.forces.programs import sin_cos
+from pymc_ship.physics.forces.programs import PART, sin_cos
 
 SYMBOLS = ("u", "v", "r", "p", "phi", "delta")
 """Quantities of a term; ``u`` is the relative surge speed u_a = (U - U_nom) / U."""
@@ -27,7 +26,6 @@ ROW_RUDDER = ROW_ABSOLUTE + len(SYMBOLS)
 ROW_LOADING = ROW_RUDDER + len(RUDDER)
 N_BASE = ROW_LOADING + len(LOADING)
 
-_SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False}
 _SYMBOL = "|".join(sorted(SYMBOLS, key=len, reverse=True))
 _FUNCTIONS = {name: ROW_RUDDER + k for k, name in enumerate(RUDDER + LOADING)}
 _TOKEN = re.compile(rf"(?P<symbol>{_SYMBOL})|(?P<function>{'|'.join(_FUNCTIONS)})|\|(?P<absolute>(?:{_SYMBOL})+)\|")
@@ -112,7 +110,7 @@ def plan(terms: tuple[str, ...]) -> TermPlan:
     return TermPlan(terms, left, right, np.array(rows, dtype=np.int64))
 
 
-@njit(**_SETTINGS, forceinline=True)
+@njit(**PART, forceinline=True)
 def fill_products(work: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
     """Fill absolute values, functions of the rudder angle and products, from symbol and loading rows."""
     n_lanes = work.shape[1]
@@ -129,7 +127,7 @@ def fill_products(work: np.ndarray, left: np.ndarray, right: np.ndarray) -> None
             work[target, lane] = work[a, lane] * work[b, lane]
 
 
-@njit(**_SETTINGS)
+@njit(**PART)
 def fill_product_tangents(work: np.ndarray, left: np.ndarray, right: np.ndarray, tangent: np.ndarray) -> None:
     """Fill the tangents of the rows of :func:`fill_products`, from those of symbols and loading."""
     n_lanes = work.shape[1]

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from pymc_ship.physics.forces import programs
 from pymc_ship.physics.forces.hull import LOW_SPEED
 from pymc_ship.physics.forces.prime_system import rate_scale, relative_speed, righting_arm, righting_moment, row_scale
 from pymc_ship.physics.forces.programs import Program, execute, set_parameters, sin_cos
@@ -18,17 +19,15 @@ from pymc_ship.physics.vessel.parts import part_program
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 from pymc_ship.trial.channels import channel_names
 
-KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
-"""Compiler settings of the kernels; without numpy's error model no loop with a division vectorises."""
-
-PART = KERNEL | {"_nrt": False}
-"""The same for a function that makes no array: counting references to its arguments would double the time of a step."""
+KERNEL: dict[str, Any] = programs.KERNEL | {"fastmath": {"contract", "arcp", "nsz"}}
+PART: dict[str, Any] = programs.PART | KERNEL
+"""Compiler settings of the kernels of motion, and of a function of theirs that makes no array."""
 
 INLINED = PART | {"inline": "always"}
-"""The same for a part of one step, which is compiled within the step only."""
+"""The same for a part that one or two functions call, which is compiled within them only."""
 
 LINKED = PART | {"forceinline": True}
-"""The same for a step or a march of steps, which must know the number of lanes, as the kernel that links it does."""
+"""The same for a part that many call, compiled once; the kernel that links it tells it the number of lanes."""
 
 STATE = channel_names(lambda channel: channel.part == "motion")
 """Rows of a state array, SI units and rad: u, v, r, p, phi, psi, x, y."""
@@ -66,7 +65,7 @@ class Work(NamedTuple):
     parts: np.ndarray
 
 
-@njit(**INLINED)
+@njit(**LINKED)
 def prime_motion(state: np.ndarray, delta: np.ndarray, scheme: Scheme, work: Work) -> None:
     """Fill the speed and the symbol and loading rows of the terms, Eq. 3 and 14."""
     hull, terms, speed = scheme.hull, work.terms, work.speed
@@ -88,13 +87,13 @@ def prime_motion(state: np.ndarray, delta: np.ndarray, scheme: Scheme, work: Wor
         terms[ROW_LOADING, lane], terms[ROW_LOADING + 1, lane] = g, T
 
 
-@njit(**INLINED)
+@njit(**LINKED)
 def propeller_constants(hull: np.record) -> PropellerConstants:
     """Constants of the propeller among those of the vessel."""
     return PropellerConstants(hull.J, hull.k_0, hull.k_1, hull.k_2, hull.eta, hull.kappa)
 
 
-@njit(**INLINED)
+@njit(**LINKED)
 def known_forces(state: np.ndarray, scheme: Scheme, work: Work) -> None:
     """Write the prime forces of the rigid body and of its weight, F1, F2, M1, M2, Eq. 5, 7 and 8."""
     hull, terms, speed, force = scheme.hull, work.terms, work.speed, work.force
@@ -114,7 +113,7 @@ def known_forces(state: np.ndarray, scheme: Scheme, work: Work) -> None:
         force[3, lane] -= righting_moment(GZ, speed[lane], L, volume)
 
 
-@njit(**INLINED)
+@njit(**LINKED)
 def add_hydrodynamic_forces(coefficients: np.ndarray, scheme: Scheme, work: Work) -> None:
     """Add coefficient times term to the force, Eq. 10, four terms of one DOF at a time where there are four."""
     rows, dof, terms, force = scheme.rows, scheme.dof, work.terms, work.force
@@ -156,7 +155,7 @@ def _rates_of_terms(
             rate[row, lane] = acceleration * row_scale(row, speed[lane], hull.L)
 
 
-@njit(**INLINED)
+@njit(**LINKED)
 def run_parts(state: np.ndarray, inputs: np.ndarray, scheme: Scheme, work: Work) -> None:
     """Carry out the program of the parts at states and inputs; its parameters are set."""
     U, turn = scheme.hull.nominal_speed, rate_scale(scheme.hull.nominal_speed, scheme.hull.L)
@@ -170,7 +169,7 @@ def run_parts(state: np.ndarray, inputs: np.ndarray, scheme: Scheme, work: Work)
     execute(scheme.program, work.parts)
 
 
-@njit(**INLINED)
+@njit(**LINKED)
 def state_derivative(
     state: np.ndarray, inputs: np.ndarray, coefficients: np.ndarray, scheme: Scheme, work: Work, rate: np.ndarray
 ) -> None:
