@@ -74,7 +74,7 @@ def draws_tree(
     log_prior = prior.log_coefficients(data.to_scaled(coefficients), scaled_variance)
     log_prior = log_prior - np.linalg.slogdet(data.transformation[1])[1]
     log_variance_prior = prior.log_noise_variance(scaled_variance) - 2.0 * math.log(data.response_scale)
-    log_likelihood = _log_likelihood(data, coefficients, noise_variance)
+    log_likelihood = normal_log_density(fitted_residuals(data, coefficients), noise_variance)
     tree = {
         "/": xr.Dataset(attrs=tree_attrs(data, prior.hyperparameters(), method, rng_state, work)),
         "posterior": xr.Dataset(
@@ -168,13 +168,19 @@ def warn_of_chains(what: str, drawn: xr.Dataset) -> None:
         )
 
 
-def _log_likelihood(data: RegressionData, coefficients: np.ndarray, noise_variance: np.ndarray) -> np.ndarray:
-    log_density = data.response - coefficients @ data.design_matrix.T
-    np.square(log_density, out=log_density)
-    log_density /= noise_variance[..., None]
-    log_density += np.log(2.0 * math.pi * noise_variance)[..., None]
-    log_density *= -0.5
-    return log_density
+def normal_log_density(residual: np.ndarray, noise_variance: np.ndarray) -> np.ndarray:
+    """Log density (..., n_rows) of normal errors of variance (...), written over the residuals."""
+    np.square(residual, out=residual)
+    residual /= noise_variance[..., None]
+    residual += np.log(2.0 * math.pi * noise_variance)[..., None]
+    residual *= -0.5
+    return residual
+
+
+def fitted_residuals(data: RegressionData, coefficients: np.ndarray) -> np.ndarray:
+    """Response less that of coefficients (..., n_terms), (..., n_rows), in one array of its own."""
+    fitted = coefficients @ data.design_matrix.T
+    return np.subtract(data.response, fitted, out=fitted)
 
 
 def tree_attrs(data: RegressionData, prior: dict, method: str, state: str, work: str = "") -> dict[str, str]:

@@ -13,13 +13,13 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from pymc_ship.inference.regression.tree import fitted_residuals, normal_log_density
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import InferenceError, ShipError
 
 OWN = "own"  # family of a prior, and law of errors, that the package does not know
 
-_LOG_2PI = math.log(2.0 * math.pi)
 NU_SHAPE, NU_RATE = 2.0, 0.1  # Gamma prior of the degrees of freedom
 _PLUG_IN_NU = 4.0
 
@@ -36,7 +36,8 @@ class ErrorLaw:
     draw_parameter : callable; (rng, size) -> draws of its prior
     log_parameter : callable; parameter -> log prior density
     draw_errors : callable; (rng, noise_sd, parameter, n_rows) -> errors
-    log_likelihood : callable; (residual, noise_variance, parameter) -> log density of each row, given those before
+    log_likelihood : callable; (residual, noise_variance, parameter) -> log density of each row, given those before,
+        written over the residuals
     whiten : callable; (residual, noise_variance) -> function of rows (n_rows, ...) that whitens their errors
     """
 
@@ -50,30 +51,35 @@ class ErrorLaw:
     whiten: Callable[[np.ndarray, float], Whitening]
 
 
-def _normal_log_likelihood(residual: np.ndarray, noise_variance: np.ndarray, _: np.ndarray) -> np.ndarray:
-    return -0.5 * (_LOG_2PI + np.log(noise_variance)[..., None] + residual**2 / noise_variance[..., None])
-
-
 def _student_t_log_likelihood(residual: np.ndarray, noise_variance: np.ndarray, nu: np.ndarray) -> np.ndarray:
     constant = (
         scipy.special.gammaln(0.5 * (nu + 1.0))
         - scipy.special.gammaln(0.5 * nu)
         - 0.5 * np.log(math.pi * nu * noise_variance)
     )
-    tail = np.log1p(residual**2 / (nu * noise_variance)[..., None])
-    return constant[..., None] - 0.5 * (nu + 1.0)[..., None] * tail
+    np.square(residual, out=residual)
+    residual /= (nu * noise_variance)[..., None]
+    np.log1p(residual, out=residual)
+    residual *= -0.5 * (nu + 1.0)[..., None]
+    residual += constant[..., None]
+    return residual
 
 
 def _ar1_log_likelihood(residual: np.ndarray, noise_variance: np.ndarray, rho: np.ndarray) -> np.ndarray:
-    innovation = residual.copy()
-    innovation[..., 1:] -= rho[..., None] * residual[..., :-1]
-    variance = np.repeat(noise_variance[..., None], residual.shape[-1], axis=-1)
-    variance[..., 1:] *= (1.0 - rho**2)[..., None]
-    return -0.5 * (_LOG_2PI + np.log(variance) + innovation**2 / variance)
+    residual[..., 1:] -= rho[..., None] * residual[..., :-1]
+    normal_log_density(residual[..., :1], noise_variance)
+    normal_log_density(residual[..., 1:], noise_variance * (1.0 - rho**2))
+    return residual
+
+
+def _draw_normal(rng: np.random.Generator, noise_sd: np.ndarray, _: np.ndarray, n_rows: int) -> np.ndarray:
+    errors = rng.standard_normal((*np.shape(noise_sd), n_rows))
+    errors *= noise_sd[..., None]
+    return errors
 
 
 def _draw_ar1(rng: np.random.Generator, noise_sd: np.ndarray, rho: np.ndarray, n_rows: int) -> np.ndarray:
-    errors = noise_sd[..., None] * rng.standard_normal((*np.shape(noise_sd), n_rows))
+    errors = _draw_normal(rng, noise_sd, rho, n_rows)
     errors[..., 1:] *= np.sqrt(1.0 - rho**2)[..., None]
     for t in range(1, n_rows):
         errors[..., t] += rho * errors[..., t - 1]
@@ -100,8 +106,8 @@ ERRORS = {
         citation="",
         draw_parameter=lambda rng, size: np.zeros(size),
         log_parameter=np.zeros_like,
-        draw_errors=lambda rng, sd, _, n_rows: sd[..., None] * rng.standard_normal((*np.shape(sd), n_rows)),
-        log_likelihood=_normal_log_likelihood,
+        draw_errors=_draw_normal,
+        log_likelihood=lambda residual, noise_variance, _: normal_log_density(residual, noise_variance),
         whiten=lambda residual, noise_variance: lambda rows: rows,
     ),
     "student_t": ErrorLaw(
@@ -158,8 +164,10 @@ def draw_errors(
     data: RegressionData, errors: str, rng: np.random.Generator, noise_sd: np.ndarray, parameter: np.ndarray
 ) -> np.ndarray:
     """Errors (..., n_rows) of the rows of the data, given noise sd and parameter (...)."""
-    draw, parts = error_law(errors).draw_errors, _parts(data, errors)
-    return np.concatenate([draw(rng, noise_sd, parameter, part.stop - part.start) for part in parts], axis=-1)
+    drawn = [
+        error_law(errors).draw_errors(rng, noise_sd, parameter, part.stop - part.start) for part in _parts(data, errors)
+    ]
+    return np.concatenate(drawn, axis=-1) if len(drawn) > 1 else drawn[0]
 
 
 def log_likelihood(data: RegressionData, errors: str, posterior: xr.Dataset) -> np.ndarray:
@@ -167,9 +175,10 @@ def log_likelihood(data: RegressionData, errors: str, posterior: xr.Dataset) -> 
     law, given = error_law(errors), posterior.transpose("chain", "draw", ...)
     variance = given["noise_variance"].to_numpy()
     parameter = given[law.parameter].to_numpy() if law.parameter else np.zeros_like(variance)
-    residual = data.response - given["coefficients"].to_numpy() @ data.design_matrix.T
-    parts = _parts(data, errors)
-    return np.concatenate([law.log_likelihood(residual[..., part], variance, parameter) for part in parts], axis=-1)
+    rows = fitted_residuals(data, given["coefficients"].to_numpy())
+    for part in _parts(data, errors):
+        law.log_likelihood(rows[..., part], variance, parameter)
+    return rows
 
 
 def log_likelihood_group(data: RegressionData, errors: str, posterior: xr.Dataset) -> xr.Dataset:

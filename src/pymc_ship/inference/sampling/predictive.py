@@ -153,7 +153,8 @@ def with_predictive(
         "posterior_predictive": predictive(data, posterior, rng=rng, errors=errors),
     }
     own = {name: group.to_dataset() for name, group in tree.children.items()}
-    own.setdefault("log_likelihood", log_likelihood_group(data, errors, posterior))
+    if "log_likelihood" not in own:
+        own["log_likelihood"] = log_likelihood_group(data, errors, posterior)
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=tree.attrs), **own, **groups})
 
 
