@@ -11,7 +11,7 @@ SIDE_BY_SIDE += --no-loadscope-reorder
 # Every worker and every command of a test imports the same modules: one of them compiles, the others read.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: study frontier foreign test test-fast consistency lint collected kernels bench docs clean
+.PHONY: study frontier foreign test tested test-fast consistency lint collected kernels bench docs clean
 
 study: $(STAMP)  ## the paper's study on the container ship -> reports/study/index.html
 	$(VENV)/bin/pymc-ship study --out reports/study
@@ -22,8 +22,10 @@ frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> re
 foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour and more -> reports/foreign/foreign.md
 	$(PYTHON) -m studies.foreign.run
 
-test: $(STAMP)  ## lint, then every test, a file at a time on each core
-	$(MAKE) --jobs 2 collected kernels
+test: $(STAMP)  ## lint, and every test, a file at a time on each core
+	$(MAKE) --jobs 3 lint tested
+
+tested: collected kernels
 	$(SIDE_BY_SIDE)
 
 test-fast: $(STAMP)  ## without the slow tests, under seven minutes on two cores
@@ -37,8 +39,8 @@ lint: $(STAMP)  ## style and types
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 
-# On the core that kernels leave: the workers of a test run read what this compiled. A fault here is one of theirs.
-collected: lint
+# The workers of a test run read what this compiled. A fault here is one of theirs.
+collected: $(STAMP)
 	-$(PYTHON) -m pytest -qq --collect-only > /dev/null
 
 kernels: $(STAMP)  ## compile the kernels of the commands, once for all
