@@ -17,9 +17,12 @@ import pymc_ship as ps
 from pymc_ship.machine.errors import OutputError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.ships.forecasting import page as forecast_report
+from pymc_ship.ships.forecasting.figures import overview
 from pymc_ship.ships.forecasting.page import (
     index_rows,
     index_table,
+    interval_remarks,
+    measured_sentences,
     unreached_sentence,
     verdict_rows,
     verdict_table,
@@ -275,6 +278,38 @@ def test_draws_and_prior_stand_before_the_first_section(tmp_path):
     assert "prior: wide about 0" in head
     alone = without_figures(write_forecast_page(vessel(), forecasts(), tmp_path))
     assert "24 draws of 1 term set, without model error" in alone[: alone.index("<section")]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_page_claims_nothing_that_its_run_does_not_have(tmp_path):
+    """One ship in a zigzag, without a measurement: no black line, no thin track, no interval, no range of runs."""
+    one = ps.forecast(vessel(), ps.zigzag(10.0, 10.0), duration=250.0, rng=1)
+    text = unescape(without_figures(write_forecast_page(vessel(), {"zigzag 10/10 port": one}, tmp_path)))
+    absent = ("black", "thin", "are draws", "shaded", "standard error", "weighted", "Intervals and bands", "outside the")
+    assert [word for word in absent if word in text] == []
+    assert "One ship, without uncertainty" in text
+    assert "no interval includes an uncertainty" in text
+
+
+def test_legends_name_draws_and_measured_trials_where_they_are_drawn():
+    def labels(trees, runs):
+        (legend,) = overview(trees, vessel(), runs).legends
+        return {text.get_text() for text in legend.get_texts()} & {"draws", "measured"}
+
+    assert labels(forecasts(), measured()) == {"draws", "measured"}
+    assert labels(forecasts(), None) == {"draws"}
+    assert labels({"zigzag 10/10 port": forecasts()["zigzag 10/10 port"]}, None) == set()
+
+
+def test_a_measured_trial_without_a_known_index_is_named():
+    sentences = measured_sentences(forecasts(), {"zigzag 10/10 port": [{"covered": ""}]})
+    assert sentences == ["Zigzag 10/10 port: measured, but no index of the record and of the forecast is known."]
+
+
+def test_one_term_set_has_no_weights():
+    ship = ship_of((vessel(), scattered(vessel(), 6)), index_error={})
+    assert "weighted" not in interval_remarks(ship, {})[0]
+    assert "weighted" in interval_remarks(ship_of(*ship.models, *ship.models, index_error={}), {})[0]
 
 
 def test_a_ship_without_roll_has_no_roll_angle():

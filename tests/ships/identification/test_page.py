@@ -119,6 +119,20 @@ def test_doubtful_checks_stand_with_their_sentence(text, tmp_path):
 def test_a_run_without_checks_says_so(tmp_path):
     line = next(line for line in cells(written(tmp_path, made={})) if line[0] == "a")
     assert line[-2:] == ["0", "not checked"]
+    text = written(tmp_path, made={})
+    assert "No check was made." in text
+    assert "No check of a run was made." in text
+    assert "is doubtful" not in text
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_page_of_one_run_has_no_other_runs(tmp_path):
+    best = replace(model().candidates[0], inflation=1.0)
+    one = replace(model(), names=("a",), manoeuvres=model().manoeuvres[:1], candidates=(best,))
+    page = written(tmp_path, ship=one, trials={"a": runs()["a"]}, made={"a": checks()["a"]})
+    absent = ("by a fit to the other runs", "because single runs move", "forecast only", "thin tracks", "shaded")
+    assert [words for words in absent if words in page] == []
+    assert "No other run can predict this one" in page
 
 
 @pytest.mark.usefixtures("quick")

@@ -147,6 +147,8 @@ def test_the_page_has_every_table_and_figure(scored, records, tmp_path):
     text = page.read_text(encoding="utf-8")
     assert "kvlcc2: score on 2 records" in text
     assert f"Score {found.attrs['score']:.3g}: " in text
+    assert "One ship has no bands" in text
+    assert "interval of 95 %" not in text
     assert "first overshoot angle" in text
     assert {path.name for path in tmp_path.glob("*/*")} == {
         *("score_channels.png", "score_windows.png"),

@@ -43,6 +43,8 @@ def test_the_page_has_the_form_conditions_corrections_and_figures(page):
         "corrected for",
     ):
         assert words in text
+    absent = ("band: the identified ship", "F and B are forecasts", "take the mean of the day")  # nothing of these
+    assert [sentence for sentence in absent if sentence in text] == []
     assert text.count("<svg") == 2
     assert {path.name for path in (page.parent / "figures").iterdir()} == {
         "sea_trial_circles.png",

@@ -110,6 +110,7 @@ def _circles(
         tree = forecasts[name]
         ships = thinned(tree["trajectories"].to_dataset(), _POINTS)
         faint = {"color": style["color"], "lw": 0.4, "alpha": 0.3}
+        faint["label"] = "draws" if ships.sizes["draw"] > 1 else None
         lines: list[tuple[xr.Dataset, Mapping[str, Any]]]
         lines = [(ships.isel(draw=draw), faint) for draw in range(min(ships.sizes["draw"], _TRACKS))]
         lines.append((ships.isel(draw=tree.attrs["median_draw"]), style | {"lw": 1.6}))

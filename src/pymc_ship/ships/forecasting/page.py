@@ -42,7 +42,7 @@ PAGE = Page(  # its folder may hold the page of the ship, too
 SOURCES = ("IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76)",)
 
 _CAPTIONS = {
-    "track": "Track seen from above, in ship lengths: thin lines are draws; outlines are to scale.",
+    "track": "Track seen from above, in ship lengths; outlines are to scale.",
     "heading_and_rudder": "Heading and rudder; a positive rudder angle turns to port.",
     "motion": "Velocities, rates, roll and rudder.",
 }
@@ -144,6 +144,7 @@ def write_forecast_page(
     values = _head(ship, forecasts, vessel) | {
         "evidence": measured_sentences(forecasts, compared) if forecasts else [],
         "verdicts": verdict_table(verdicts) if verdicts else None,
+        "assessed": any(np.isfinite(row["extrapolated"]) for row in verdicts),
         "monte_carlo": f"{max((row['standard_error'] for row in verdicts), default=0.0):.1g}",
         "sections": sections,
         "spiral": spiral_sentence(turns) if turns is not None else "",
@@ -165,9 +166,10 @@ def _check_forecasts(forecasts: Mapping) -> None:
 
 
 def _head(ship: Ship, forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
-    draws = [tree.attrs["draws"] for tree in forecasts.values()]
+    draws = _draws(ship, forecasts)
     return {
-        "method": _method(ship, max(draws, default=ship.draws), _term_sets(ship, forecasts)),
+        "method": _method(ship, draws, _term_sets(ship, forecasts)),
+        "single": draws == 1,
         "title": f"{vessel.name}: forecast of its manoeuvres",
         "vessel_title": vessel.title or vessel.name,
         "particulars": vessel.particulars,
@@ -177,20 +179,21 @@ def _head(ship: Ship, forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> d
     }
 
 
+def _draws(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> int:
+    return max((tree.attrs["draws"] for tree in forecasts.values()), default=ship.draws)
+
+
 def _term_sets(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> str:
     count = max((tree.attrs["term_sets"] for tree in forecasts.values()), default=len(ship.models))
-    return f"{count} term set{'s' * (count != 1)}"
+    return f"{count} term sets, weighted by held-out runs" if count > 1 else "1 term set"
 
 
 def _method(ship: Ship, draws: int, sets: str) -> str:
     """Sentence: number of draws, term sets and prior of a forecast."""
     if ship.index_error is None:
-        return f"Each forecast simulates {draws} draw{'s' * (draws != 1)} of {sets}, without model error."
+        return f"Each forecast simulates {draws} draws of {sets}, without model error."
     prior = f" and the prior: {PRIORS[ship.prior]}" if ship.prior in PRIORS else ""
-    return (
-        f"Each forecast simulates {draws} draws of {sets}, weighted by held-out runs. The draws are from the posterior "
-        f"of the runs{prior}."
-    )
+    return f"Each forecast simulates {draws} draws of {sets}. The draws are from the posterior of the runs{prior}."
 
 
 def measured_sentences(
@@ -204,7 +207,10 @@ def measured_sentences(
     for name, rows in compared.items():
         known = [row for row in rows or () if row["covered"]]
         missed = [row for row in known if row["covered"] == "no"]
-        if rows is None or not known:
+        if rows is None:
+            continue
+        if not known:
+            sentences.append(f"{_capital(name)}: measured, but no index of the record and of the forecast is known.")
             continue
         interval = f"intervals of {percent(forecasts[name].attrs['ci_prob'])}"
         if not missed:
@@ -248,14 +254,16 @@ def _outside(tree: xr.DataTree) -> str:
 
 def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[str]:
     """Remarks: which uncertainties the intervals include."""
+    if _draws(ship, forecasts) == 1:
+        return ["The forecasts are of one ship: no interval includes an uncertainty."]
     if ship.index_error is None:
         return [
             "Each forecast simulates every draw of the coefficients; the intervals are quantiles of the draws. They "
             "include the uncertainty of the coefficients, not that of the model's form."
         ]
     remarks = [
-        f"The draws are of {_term_sets(ship, forecasts)}, weighted by held-out runs: bands, tracks and force curves "
-        "include the scatter between sets and of the coefficients.",
+        f"The draws are of {_term_sets(ship, forecasts)}: bands, tracks and force curves include the scatter of the "
+        f"coefficients{' and between sets' * (len(ship.models) > 1)}.",
         *(f"{label}: {tree.attrs['steering']}" for label, tree in forecasts.items()),
         *filter(None, map(refused_sentence, forecasts.values())),
         *dict.fromkeys(tree.attrs["reliability"] for tree in forecasts.values() if "reliability" in tree.attrs),

@@ -216,7 +216,7 @@ def stopping_tracks(stop: xr.Dataset) -> Figure:
     reach, (x, y) = stop["track_reach"].values, (stop[name].values / stop.attrs["L"] for name in ("x", "y"))
     order = np.argsort(reach)[: np.isfinite(reach).sum()]
     for k in order[:: max(order.size // _SHOWN, 1)]:
-        track.plot(y[k], x[k], color=NOISE, lw=0.6)
+        track.plot(y[k], x[k], color=NOISE, lw=0.6, label="draws" if k == order[0] else None)
         speed.plot(stop["time"].values, stop["u"].values[k], color=NOISE, lw=0.6)
     if order.size:
         k = order[order.size // 2]

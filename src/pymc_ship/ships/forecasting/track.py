@@ -106,8 +106,8 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     ratio = float(np.ptp(transfer) / np.ptp(advance)) if turned else float(np.ptp(advance) / np.ptp(transfer))
     fig, axes = subplots(8.0, float(np.clip(7.2 * ratio + 1.2, 2.0, 8.0)))
     plan = _Plan(axes[0, 0], vessel, turned=turned)
-    for ship in drawn:
-        plan.line(ship, color=BLUE, lw=0.4, alpha=0.35, label="forecast draws" if ship is drawn[0] else None)
+    for k, ship in enumerate(drawn):
+        plan.line(ship, color=BLUE, lw=0.4, alpha=0.35, label="forecast draws" if k == 1 else None)
     interval = _outline_interval(drawn[0], vessel)
     for ship, colour, label in named:
         plan.line(ship, color=colour, lw=1.9 if label == "measured" else 1.3, label=label, zorder=3)

@@ -54,10 +54,11 @@ def measured_sentences(
             "indices lie inside."
         )
     unsupported = [f"{label} ({_outside(tree)})" for label, tree in forecasts.items() if label not in labels]
-    sentences.append(
-        f"Not measured, forecast only: {'; '.join([*unsupported, 'stopping test'])}. Extrapolated intervals can be too "
-        "narrow; compare a run with them before you rely on them."
-    )
+    if unsupported:
+        sentences.append(
+            f"Not measured, forecast only: {'; '.join(unsupported)}. Extrapolated intervals can be too narrow; compare "
+            "a run with them before you rely on them."
+        )
     return sentences
 
 
@@ -131,12 +132,12 @@ def fit_sentences(result: ShipIdentification, rows: Mapping[str, list[dict]], su
     best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
     fraction = sum(row["weight"] * row["infeasible_fraction"] for row in drawn)
     worst = [row["run"] for row in rows["runs"] if row["verdict"] in DOUBTS]
-    n_sets = len(result.candidates)
+    n_sets, verdict = len(result.candidates), "is doubtful" if rows["checks"] else "was made"
     weighs = f"{n_sets} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %."
     sentences = [
         weighs if n_sets > 1 else f"One term set fitted: “{best.name}”.",
         *held_out_sentences(rows["held_out_indices"]),
-        f"Runs with a doubtful check: {', '.join(worst)}." if worst else "No check of a run is doubtful.",
+        f"Runs with a doubtful check: {', '.join(worst)}." if worst else f"No check of a run {verdict}.",
     ]
     text = f"{rounded_percent(fraction)} diverged and were replaced by new draws" if fraction else "none diverged"
     return [*sentences, f"Every draw of the coefficients was simulated in six standard manoeuvres; {text}.", *summary]

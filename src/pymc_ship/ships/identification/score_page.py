@@ -86,6 +86,7 @@ def write_score_page(
     values = {
         "vessel": ship.vessel,
         "attrs": scores.attrs,
+        "single": ship.draws == 1,
         "covered": 100.0 * float(scores["coverage"].mean()),
         "tables": {
             "channels": table([row | {"coverage": 100.0 * row["coverage"]} for row in rows], channels),

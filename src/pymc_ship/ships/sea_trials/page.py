@@ -83,10 +83,15 @@ def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship
         for name, current in result.currents.items()
     ]
     winds = [{"run": name, "speed": speed, "origin": origin % 360.0} for name, (speed, origin) in result.winds.items()]
+    records = {name: result.trials[name] for name in result.manoeuvres}
+    turning = {name: trial for name, trial in records.items() if result.manoeuvres[name].traits.circles}
     content = {
         "vessel": result.vessel,
         "command": command,
         "remarks": result.remarks,
+        "identified": result.turns is not None,
+        "forecast": any(row["ratio"] != 1.0 for row in result.indices),
+        "shared": any(name not in turning for name in result.currents),
         "doubtful": [name for name, trial in result.trials.items() if quality_remarks({name: trial})],
         "lines": [row for row in result.form if row["conformity"]],
         "tables": {
@@ -99,8 +104,6 @@ def trial_report(result: SeaTrial, out: str | Path, *, command: str = "pymc_ship
             "winds": table(winds, _WIND),
         },
     }
-    records = {name: result.trials[name] for name in result.manoeuvres}
-    turning = {name: trial for name, trial in records.items() if result.manoeuvres[name].traits.circles}
     swinging = {name: trial for name, trial in records.items() if result.manoeuvres[name].traits.swings}
     figures = {}
     if turning:
