@@ -285,7 +285,16 @@ def test_a_page_claims_nothing_that_its_run_does_not_have(tmp_path):
     """One ship in a zigzag, without a measurement: no black line, no thin track, no interval, no range of runs."""
     one = ps.forecast(vessel(), ps.zigzag(10.0, 10.0), duration=250.0, rng=1)
     text = unescape(without_figures(write_forecast_page(vessel(), {"zigzag 10/10 port": one}, tmp_path)))
-    absent = ("black", "thin", "are draws", "shaded", "standard error", "weighted", "Intervals and bands", "outside the")
+    absent = (
+        "black",
+        "thin",
+        "are draws",
+        "shaded",
+        "standard error",
+        "weighted",
+        "Intervals and bands",
+        "outside the",
+    )
     assert [word for word in absent if word in text] == []
     assert "One ship, without uncertainty" in text
     assert "no interval includes an uncertainty" in text
@@ -304,6 +313,13 @@ def test_legends_name_draws_and_measured_trials_where_they_are_drawn():
 def test_a_measured_trial_without_a_known_index_is_named():
     sentences = measured_sentences(forecasts(), {"zigzag 10/10 port": [{"covered": ""}]})
     assert sentences == ["Zigzag 10/10 port: measured, but no index of the record and of the forecast is known."]
+
+
+def test_a_page_of_steady_turns_alone_has_no_model_error():
+    ship = ship_of((vessel(), scattered(vessel(), 6)), index_error={})
+    remarks = interval_remarks(ship, {})
+    assert remarks[-1] == "The intervals do not include a model error."
+    assert not any("also include" in remark for remark in remarks)
 
 
 def test_one_term_set_has_no_weights():

@@ -130,7 +130,15 @@ def test_a_page_of_one_run_has_no_other_runs(tmp_path):
     best = replace(model().candidates[0], inflation=1.0)
     one = replace(model(), names=("a",), manoeuvres=model().manoeuvres[:1], candidates=(best,))
     page = written(tmp_path, ship=one, trials={"a": runs()["a"]}, made={"a": checks()["a"]})
-    absent = ("by a fit to the other runs", "because single runs move", "forecast only", "thin tracks", "shaded")
+    absent = (
+        "by a fit to the other runs",
+        "because single runs move",
+        "” to the other runs",
+        "Weights",
+        "forecast only",
+        "thin tracks",
+        "shaded",
+    )
     assert [words for words in absent if words in page] == []
     assert "No other run can predict this one" in page
 

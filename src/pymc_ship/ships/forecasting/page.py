@@ -44,7 +44,7 @@ SOURCES = ("IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(7
 _CAPTIONS = {
     "track": "Track seen from above, in ship lengths; outlines are to scale.",
     "heading_and_rudder": "Heading and rudder; a positive rudder angle turns to port.",
-    "motion": "Velocities, rates, roll and rudder.",
+    "motion": "Velocities, rates and angles.",
 }
 PRIORS = {  # of the coefficients, by Ship.prior
     "hull_database": "the hull by captive tests of other ships (Yoshimura & Masumoto 2012), all else wide about 0",
@@ -268,14 +268,16 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
         *filter(None, map(refused_sentence, forecasts.values())),
         *dict.fromkeys(tree.attrs["reliability"] for tree in forecasts.values() if "reliability" in tree.attrs),
     ]
+    if not forecasts:
+        return [*remarks, "The intervals do not include a model error."]
     widened = ", ".join(
         "{kind} {median:.2g} of {unit} (95 % below {upper:.2g})".format(**row)
         for row in error_rows(ship.index_error, ship.vessel)
     )
     if widened:
         remarks.append(
-            "Intervals of the indices also include the model error, estimated from ships of other simulators and from "
-            f"held-out manoeuvres. Its sd by kind of index is: {widened}."
+            "Intervals of the indices also include the model error, as of ships of other simulators and of held-out "
+            f"manoeuvres, if there are any. Its sd by kind of index is: {widened}."
         )
     median, upper = np.quantile(EXTRAPOLATION_SD * ship.extrapolation_growth, (0.5, 0.95))
     harder = ship.harder_indices.sizes["run"]
