@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 import numpy as np
@@ -136,6 +137,61 @@ def test_wrong_tests_are_refused(tmp_path, columns):
     with pytest.raises(ps.TrialError) as raised:
         read(tmp_path, columns())
     assert str(raised.value).endswith(".")
+
+
+def stale(*forces):
+    """The series, noisy, with forces of the eighth test as in the row before."""
+    columns, rng = dict(series()), np.random.default_rng(0)
+    noisy = {head: values + 0.01 * np.abs(values).max() * rng.standard_normal(15) for head, values in columns.items()}
+    for head in (head for head in columns if head[1:] == "'"):
+        columns[head] = noisy[head]
+        columns[head][7] = noisy[head][6 if head[0] in forces else 7]
+    return columns
+
+
+def tare(force):
+    return changed(**{force: lambda values: values + 0.2 * np.abs(values).max()})
+
+
+DOUBTED = [
+    (lambda: changed(X=lambda values: 10.0 * values), "X' .* with the rudder by 5.5 times .* check the scale of X'"),
+    (lambda: changed(X=lambda values: 0.1 * values), "X' .* with the rudder by 0.055 times"),
+    (lambda: changed(X=lambda values: 0.1 * values), r"move t_R by \+5.8 sd of the prior"),
+    (lambda: changed(s=lambda values: 0.5 * values), "sd of the prior: check units"),
+    (lambda: changed(b=lambda values: 0.5 * values), "Y' and N' .* in drift are 2 times .* beta, which may be half"),
+    (lambda: changed(b=lambda values: 2.0 * values), "in drift are 0.4. times .* beta, which may be twice"),
+    (lambda: changed(r=lambda values: 0.5 * values), "N' .* in yaw is 2.6 times .* r' = r L / U, which may be half"),
+    (lambda: changed(r=lambda values: 2.0 * values), "in yaw is 0.5. times .* r' = r L / U, which may be twice"),
+    (lambda: stale("X"), "X' of captive test 8 is that of the row before"),
+    (lambda: stale("Y"), "Y' of captive test 8 is that of the row before"),
+    (lambda: stale(*"XYN"), "N' of captive test 8 is that of the row before"),
+    (lambda: tare("Y"), "Y' .* straight ahead, as at a drift angle of 2.. deg: check the zeros"),
+    (lambda: tare("N"), "N' .* straight ahead, as at a drift angle of 3.. deg: check the zeros"),
+]
+
+
+def remarks(tmp_path, columns):
+    return ps.fit_captive(read(tmp_path, columns), vessel(), ps.coefficient_prior([], vessel())).remarks
+
+
+@pytest.mark.parametrize(("columns", "sentence"), DOUBTED, ids=range(len(DOUBTED)))
+def test_unusual_tests_are_named_by_the_fit(tmp_path, columns, sentence):
+    assert any(re.search(sentence, remark) for remark in remarks(tmp_path, columns()))
+
+
+def test_usual_tests_are_not_named(tmp_path):
+    """Clean, noisy, and rounded so that forces of several tests are equal."""
+    assert remarks(tmp_path, series()) == ()
+    assert remarks(tmp_path, stale()) == ()
+    rounded = {head: np.round(values, 4) if head[1:] == "'" else values for head, values in series().items()}
+    assert not any("row before" in remark for remark in remarks(tmp_path, rounded))
+
+
+def test_a_force_of_another_sign_in_a_short_table_is_named(tmp_path):
+    columns = stale()
+    columns["Y'"][7] *= -1.0
+    (remark,) = remarks(tmp_path, columns)
+    assert remark.startswith("The captive test at beta = 0 deg, r' = -0.3 and delta = 0 deg contradicts the others: Y'")
 
 
 def test_noisy_tests_that_are_repeated_are_read(tmp_path):

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from pymc_ship.inference.captive.plausibility import captive_doubts
 from pymc_ship.inference.captive.table import FORCE_DOFS, FORCES
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood
 from pymc_ship.inference.trajectory.sequential_likelihood import commensurate_likelihood
@@ -28,7 +29,9 @@ _NOMINAL = 0.05  # largest relative deviation from the nominal revolutions for a
 _PASSES, _SETTLED = 20, 0.01  # iterations of the noise, and its relative tolerance
 _LEAST = 1e-3  # least noise over the largest force, for exact forces
 _SAME_SPEED = 0.05  # width of the groups of tests in the logarithm of the speed
-_ODD, _SEEN, _MOST = 5.0, 0.02, 0.05  # misfit of an odd test: robust sd, fraction of the largest force, and of tests
+_ODD, _SEEN, _MOST = 5.0, 0.05, 0.05  # misfit of an odd test: robust sd, fraction of the largest force, and of tests
+_BESIDE = 0.4  # misfit of an odd test over the largest
+_FAR = 5.0  # prior sd between prior and estimate that are doubted
 _REVOLUTIONS = 0.1  # sd of the nominal revolutions on a carriage over those of the vessel
 
 
@@ -45,7 +48,7 @@ class CaptiveFit:
     revolutions, discrepancy_scale : float
         Nominal revolutions, carriage over vessel; sd of coefficients between carriage and ship, over the prior sd.
     remarks : tuple of str
-        Sentences on tests that contradict all others.
+        Sentences on tests that contradict the others or repeat a force, and on forces of an unusual size.
     """
 
     coefficients: np.ndarray
@@ -115,7 +118,8 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     if column is not None:
         scale[column] = max(scale[column], _REVOLUTIONS)
     coefficients, sd, design, residuals = _mode(tests, vessel, replace(prior, scale=scale))
-    remarks = _odd_tests(tests, vessel, sd, residuals)
+    remarks = (*captive_doubts(tests, vessel), *_odd_tests(tests, vessel, sd, residuals))
+    remarks += _far_from_prior(names, (coefficients - prior.mean) / scale)
     design_effect = _design_effect(design, residuals, np.tile(_groups(tests), len(sd)), scale)
     design, residuals = design / np.sqrt(design_effect), residuals / np.sqrt(design_effect)
     # design = Q R: the tests are equivalent to the rows R with response R b + Q' residuals
@@ -140,7 +144,8 @@ def _odd_tests(tests: xr.Dataset, vessel: Vessel, sd: dict[str, float], residual
     for (name, unit), z in zip(sd.items(), residuals.reshape(len(sd), -1), strict=True):
         measured, off = tests[name].values, unit * z / weight
         odd = (np.abs(z) > _ODD * mad(z)) & (np.abs(off * weight) > _SEEN * np.abs(measured * weight).max())
-        for k in np.flatnonzero(odd) if odd.mean() <= _MOST else ():
+        odd &= np.abs(z) > _BESIDE * np.abs(z).max()  # the fit to an odd test is off beside it, too
+        for k in np.flatnonzero(odd) if odd.sum() <= max(1.0, _MOST * odd.size) else ():
             beta, rudder = np.rad2deg([np.arctan2(-v[k], u[k]) + 0.0, float(tests["delta"][k])])
             turn = float(tests["r"][k]) * vessel.particulars.L / np.hypot(u[k], v[k])
             sentences.append(
@@ -148,6 +153,13 @@ def _odd_tests(tests: xr.Dataset, vessel: Vessel, sd: dict[str, float], residual
                 f"the others: {name}' is {measured[k]:.3g}, the fit has {measured[k] - off[k]:.3g}; correct its row."
             )
     return tuple(sentences)
+
+
+def _far_from_prior(names: tuple[str, ...], away: np.ndarray) -> tuple[str, ...]:
+    """Sentence on coefficients that the tests move by many sd of their prior."""
+    far = [f"{names[k]} by {away[k]:+.2g}" for k in np.argsort(-np.abs(away)) if abs(away[k]) > _FAR]
+    sentence = f"The captive tests move {', '.join(far)} sd of the prior: check units, columns and the vessel file."
+    return (sentence,) if far else ()
 
 
 def _usable_tests(tests: xr.Dataset, vessel: Vessel, prior: CoefficientPrior) -> xr.Dataset:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,6 +17,11 @@ from pymc_ship.physics.vessel.vessel import Vessel
 _FORCES = ("X", "Y", "N")
 _FEWEST = 3  # tests of a series that is compared
 _RATIO = 5.0  # largest ratio, either way, of a measured force to that of a similar hull
+_USUAL = 1.5  # the same, from which a force of a motion is doubted
+_RUDDER_DRAG = 0.25, 1.0  # range of -X' / (Y' tan delta) of a rudder: (1 - t_R) / (1 + a_H) and its own drag
+_ERRORS = 5.0  # standard errors of a finding
+_OFF_ZERO = np.deg2rad(1.5)  # drift angle of a similar hull with the force of the straight course, a doubt from there
+_REPEATED, _MOST = 2, 0.05  # number of repeated forces, or fraction of the tests, up to which they are no rounding
 _REVOLUTIONS = 10.0  # largest ratio, either way, of the revolutions to the nominal ones
 _LEAST_RUDDER = np.deg2rad(1.0)  # a smaller largest rudder angle is probably a value in rad under deg
 _MOST_DRIFT = 0.4  # largest drift, v/u, that is compared
@@ -94,47 +100,72 @@ def _contradictions(tests: xr.Dataset, vessel: Vessel) -> str:
     return ""
 
 
-def _forces(tests: xr.Dataset, vessel: Vessel) -> str:
-    u, v, r, delta = (tests[name].values for name in ("u", "v", "r", "delta"))
-    ahead = (u > 0.0) & (np.abs(v) < _MOST_DRIFT * u) & (tests["n"].values > 0.0 if "n" in tests else u > 0.0)
-    speed = np.hypot(u, v)
-    motion = {"v": v / speed, "r": r * vessel.particulars.L / speed, "delta": delta}
-    for quantity, check in (("v", _drift), ("r", _yaw), ("delta", _rudder)):
+class _Series(NamedTuple):
+    """Tests in which one quantity alone varies: its name, rows, prime values, and Y', N' less those ahead."""
+
+    quantity: str
+    rows: np.ndarray
+    values: np.ndarray
+    forces: dict[str, np.ndarray]
+    straight: np.ndarray  # rows of the straight course
+
+
+def _prime_motion(tests: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:
+    speed = np.hypot(tests["u"].values, tests["v"].values)
+    r = tests["r"].values * vessel.particulars.L / speed
+    return {"v": tests["v"].values / speed, "r": r, "delta": tests["delta"].values}
+
+
+def _all_series(tests: xr.Dataset, vessel: Vessel) -> Iterator[_Series]:
+    """Series of :data:`_FEWEST` tests or more."""
+    u, motion = tests["u"].values, _prime_motion(tests, vessel)
+    ahead = (u > 0.0) & (np.abs(tests["v"].values) < _MOST_DRIFT * u)
+    ahead &= tests["n"].values > 0.0 if "n" in tests else True
+    # the straight course measures the offset of each force
+    straight = np.flatnonzero(np.all([np.abs(values) < _SMALL for values in motion.values()], axis=0))
+    for quantity, values in motion.items():
         others = [np.abs(motion[name]) < _SMALL for name in motion if name != quantity]
-        alone = np.flatnonzero(np.all(others, axis=0) & ahead & (np.abs(motion[quantity]) > _SMALL))
-        if alone.size < _FEWEST:
-            continue
-        # the straight course measures the offset of each force
-        straight = np.flatnonzero(np.all([np.abs(values) < _SMALL for values in motion.values()], axis=0))
+        rows = np.flatnonzero(np.all(others, axis=0) & ahead & (np.abs(values) > _SMALL))
         forces = {}
         for name in (name for name in ("Y", "N") if name in tests):
             offset = float(tests[name].values[straight].mean()) if straight.size else 0.0
-            forces[name] = tests[name].values[alone] - offset
-        fault = check(forces, motion[quantity][alone], vessel)
-        if quantity == "v":
-            fault = fault or _speeds(forces, motion[quantity][alone], speed[alone])
-        if quantity == "delta":
-            fault = fault or _resistance(tests, alone, straight)
+            forces[name] = tests[name].values[rows] - offset
+        if rows.size >= _FEWEST:
+            yield _Series(quantity, rows, values[rows], forces, straight)
+
+
+def _forces(tests: xr.Dataset, vessel: Vessel) -> str:
+    speed = np.hypot(tests["u"].values, tests["v"].values)
+    for one in _all_series(tests, vessel):
+        fault = {"v": _drift, "r": _yaw, "delta": _rudder}[one.quantity](one.forces, one.values, vessel)
+        if one.quantity == "v":
+            fault = fault or _speeds(one.forces, one.values, speed[one.rows])
+        if one.quantity == "delta":
+            fault = fault or _resistance(tests, one)
         if fault:
             return fault
     return ""
 
 
-def _resistance(tests: xr.Dataset, rudder: np.ndarray, straight: np.ndarray) -> str:
-    """X' of tests of the rudder beside that of the straight course at their speed and revolutions."""
-    if "X" not in tests:
-        return ""
-    more, X = [], tests["X"].values
-    for k in rudder[np.abs(tests["delta"].values[rudder]) > _LEAST_DRAG]:
-        same = [
-            np.isclose(tests[name].values[straight], tests[name].values[k], rtol=0.01) for name in _SETTINGS & {*tests}
-        ]
-        beside = straight[np.all(same, axis=0)]
-        more += [float(X[k] - X[beside].mean())] if beside.size else []
-    if len(more) < _FEWEST or np.mean(np.array(more) > 0.0) < _LESS_RESISTANCE:
+def _rudder_drag(tests: xr.Dataset, rudder: _Series) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of large rudder angles, and the change of X' from the straight course at their speed and revolutions."""
+    rows, more, X = [], [], tests["X"].values if "X" in tests else np.zeros(0)
+    for k in rudder.rows[np.abs(rudder.values) > _LEAST_DRAG] if X.size else ():
+        settings = [tests[name].values for name in _SETTINGS & {*tests}]
+        same = [np.isclose(values[rudder.straight], values[k], rtol=0.01) for values in settings]
+        beside = rudder.straight[np.all(same, axis=0)]
+        if beside.size:
+            rows.append(k)
+            more.append(X[k] - X[beside].mean())
+    return np.array(rows, dtype=int), np.array(more)
+
+
+def _resistance(tests: xr.Dataset, rudder: _Series) -> str:
+    _, more = _rudder_drag(tests, rudder)
+    if more.size < _FEWEST or np.mean(more > 0.0) < _LESS_RESISTANCE:
         return ""
     return (
-        f"a rudder angle adds to the resistance, found X' greater by {max(more):.3g} than on the straight course; "
+        f"a rudder angle adds to the resistance, found X' greater by {more.max():.3g} than on the straight course; "
         "X' is positive forward: change its sign."
     )
 
@@ -154,6 +185,91 @@ def _thrust(tests: xr.Dataset, vessel: Vessel) -> str:
         "a propeller at the same revolutions pulls more at a lower speed, found X' less by "
         f"{max(X[fast] - X[slow]):.3g} there; X' is positive forward: change its sign."
     )
+
+
+def captive_doubts(tests: xr.Dataset, vessel: Vessel) -> tuple[str, ...]:
+    """Sentences on forces that are possible but unusual, or repeat those of the row before.
+
+    ``tests`` are as from :func:`pymc_ship.read_captive`.
+    """
+    doubts = []
+    for one in _all_series(tests, vessel):
+        hull = _hull(vessel, one.quantity, one.values) if one.quantity != "delta" else {}
+        compared = {name: one.forces[name] for name in ("YN" if one.quantity == "v" else "N") if name in one.forces}
+        if hull and compared:
+            ratios = np.abs([_ratio(measured, hull[name]) for name, measured in compared.items()])
+            doubts.append(_unusual(" and ".join(f"{name}'" for name in compared), one, np.exp(np.log(ratios).mean())))
+        elif one.quantity == "delta" and "Y" in tests:
+            rows, more = _rudder_drag(tests, one)
+            Y = one.forces["Y"][np.isin(one.rows, rows)] * np.tan(tests["delta"].values[rows])
+            doubts.append(_unusual_drag(*_line(-more, Y[:, None])) if rows.size >= _FEWEST else "")
+        if one.quantity == "v":
+            doubts += _off_zero(tests, vessel, one)
+    return (*filter(None, doubts), *_stale(tests, vessel))
+
+
+def _line(measured: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
+    """Last coefficient of a least-squares fit to columns, (n_tests, n_columns), and five of its standard errors."""
+    values = np.linalg.lstsq(columns, measured)[0]
+    variance = np.sum((measured - columns @ values) ** 2) / max(len(measured) - values.size, 1)
+    return float(values[-1]), float(_ERRORS * np.sqrt(variance * np.linalg.pinv(columns.T @ columns)[-1, -1]))
+
+
+def _off_zero(tests: xr.Dataset, vessel: Vessel, drift: _Series) -> list[str]:
+    """Sentences on Y' and N' that the tests in drift have straight ahead."""
+    rows, sentences = np.concatenate([drift.rows, drift.straight]), []
+    v = np.concatenate([drift.values, np.zeros(drift.straight.size)])
+    usual = _hull(vessel, "v", np.array([_OFF_ZERO]))
+    for name, hull in _hull(vessel, "v", v).items() if rows.size > _FEWEST else ():
+        if name not in tests:
+            continue
+        zero, error = _line(tests[name].values[rows], np.column_stack([hull, np.ones(v.size)]))
+        off = _OFF_ZERO * zero / usual[name][0]
+        if abs(off) > _OFF_ZERO and abs(zero) > error:
+            sentences.append(
+                f"{name}' of the captive tests in drift is {zero:.3g} straight ahead, as at a drift angle of "
+                f"{np.rad2deg(abs(off)):.2g} deg: check the zeros of the balance and of beta."
+            )
+    return sentences
+
+
+def _unusual(forces: str, series: _Series, ratio: float) -> str:
+    if 1.0 / _USUAL < ratio < _USUAL:
+        return ""
+    motion, column = {"v": ("drift", "beta"), "r": ("yaw", "r' = r L / U")}[series.quantity]
+    return (
+        f"{forces} of the captive tests in {motion} {'are' if ' and ' in forces else 'is'} {ratio:.2g} times as large "
+        f"as of a similar hull: check {column}, which may be {'half' if ratio > 1.0 else 'twice'} the true one."
+    )
+
+
+def _unusual_drag(ratio: float, error: float) -> str:
+    least, most = _RUDDER_DRAG
+    if least - error < ratio < most + error:
+        return ""
+    return (
+        f"X' of the captive tests changes with the rudder by {ratio:.2g} times Y' tan(delta), {least:g} to {most:g} by "
+        "other ships: check the scale of X' and of delta."
+    )
+
+
+def _stale(tests: xr.Dataset, vessel: Vessel) -> list[str]:
+    """Sentences on forces equal to the row before, at another motion; none for a table rounded so that many are equal.
+
+    Motions that mirror each other count as one, as do their forces.
+    """
+    motion, sentences = np.abs(np.column_stack(list(_prime_motion(tests, vessel).values()))), []
+    moved, n_motions = (np.diff(motion, axis=0) ** 2).sum(axis=1) > _SMALL, len(np.unique(motion.round(6), axis=0))
+    for name in (name for name in _FORCES if name in tests):
+        values = np.round(np.abs(tests[name].values) / np.abs(tests[name].values).max(), 9)
+        stale = np.flatnonzero(moved & (np.diff(values) == 0.0) & (values[1:] > 0.0))
+        if max(n_motions - np.unique(values).size, stale.size) <= max(_REPEATED, _MOST * values.size):
+            sentences += [
+                f"{name}' of captive test {k + 2} is that of the row before, {tests[name].values[k]:.5g}, at another "
+                "motion: correct it, or leave the row out."
+                for k in stale
+            ]
+    return sentences
 
 
 def _hull(vessel: Vessel, quantity: str, values: np.ndarray) -> dict[str, np.ndarray]:
