@@ -84,6 +84,19 @@ def test_a_long_lag_is_no_other_unit_or_sign_of_v(runs, container, kind, wrong):
         assert checks["velocity lag"].mendable
 
 
+@pytest.mark.parametrize("antenna", [60.0, -60.0])
+@pytest.mark.parametrize("late", [("x", "y"), ("u", "v"), ("psi", "r")], ids="-".join)
+@pytest.mark.parametrize("run", [0, 1])
+def test_a_late_sensor_and_an_antenna_off_the_origin_are_told_apart(runs, container, antenna, late, run):
+    psi, x, y = (runs[run][name].values for name in ("psi", "x", "y"))
+    trial = changed(runs[run], x=x + antenna * np.cos(psi), y=y + antenna * np.sin(psi))
+    trial = changed(trial, **{name: earlier(trial, trial[name].values, 2.0) for name in late})
+    checks = checks_by_name(noisy(trial.sel(time=slice(10.0, None)), level=0.002), container)
+    assert abs(lag_of(checks["velocity lag"]).seconds) == pytest.approx(2.0, abs=0.15)
+    assert lag_of(checks["velocity lag"]).late == late
+    assert checks["lever arm"].value("lever arm") == pytest.approx(antenna, abs=3.0)
+
+
 @pytest.mark.parametrize(("share", "mendable"), [(0.45, True), (0.7, False)])
 def test_a_lag_of_half_a_ship_length_is_named_and_not_mended(runs, container, share, mendable):
     seconds = share * container.particulars.L / container.particulars.nominal_speed

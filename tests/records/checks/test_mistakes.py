@@ -47,6 +47,7 @@ MISTAKES = {
     "x and y swapped": (swapped("x", "y"), "heading", "exchange the columns of x and y"),
     "y reversed": (scaled("y", -1.0), "heading", "west longitude without its sign"),
     "psi in tenths of a degree": (scaled("psi", 10.0), "yaw rate", 'unit = "0.1 deg"'),
+    "psi in gon": (scaled("psi", 1.0 / 0.9), "yaw rate", 'unit = "gon"'),
     "r in tenths": (scaled("r", 10.0), "yaw rate", 'unit = "0.1 deg/min"'),
     "tenths of knots": (scaled("u v", 10.0 / KNOT), "speed", "tenths of a knot"),
     "knots": (scaled("u v", 1.0 / KNOT), "speed", 'unit = "kn"'),

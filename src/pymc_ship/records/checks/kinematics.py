@@ -42,6 +42,7 @@ CROSS_CURRENT = 1.0  # current [m/s] across the course, or leeway, that no trial
 SHORTEST_APPROACH, STRAIGHT_TURN = 0.25, 0.03  # approach in L/U, and change of heading [rad] in L/U on it
 YAW_BLOCK = 0.25  # averaging time of yaw and track, in L/U
 _RATE_CHECKS = {"r": ("yaw rate", "gyro offset"), "p": ("roll rate", "roll rate offset")}
+_GON = 0.9  # deg in a gon; a mistake too small beside the drift angle for a ratio of misfits
 _ROLL_BLOCK = 0.05  # L/U
 SAME_SCALE = 0.15  # relative difference of the logarithms of two scales up to which they are of one clock
 _Mistakes = tuple[Mistake, ...]
@@ -173,6 +174,8 @@ def _rate_scale_check(rate: str, angle: str, fit: RateFit, explain: Callable[...
         is_gradual = len(mistakes) == 1 and mistakes[0].gradual
         slight = relative < RESIDUAL_BAD and (is_gradual or not (mistakes or differs))
         verdict = "doubtful" if slight else "bad"
+        if not mistakes and angle == "psi" and abs(slope * _GON - 1.0) < SIGNIFICANT * error:
+            cause = 'perhaps psi is gon that was converted as deg: state unit = "gon"'
         cause += "" if mistakes else "; check units and calibration"
         text = f"The change of {angle} is {slope:.4g} times the integral of {rate}, and {relative:.0%} of it"
         return Check(name, verdict, f"{text} is left over; {cause}.", numbers)

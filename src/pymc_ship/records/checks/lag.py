@@ -14,6 +14,7 @@ from pymc_ship.records.checks.track import (
     TrackBlocks,
     body_velocity,
     earth_velocity,
+    lever_column,
     lever_fit,
     track_blocks,
 )
@@ -35,7 +36,8 @@ READINGS = {
 NAME = "velocity lag"  # name of the check
 _RATIO = "log likelihood ratio, lag over lever arm"
 _STEPS = 12
-_CONVERGED = 1e-4  # s
+_BOTH = 12.5  # log likelihood ratio, of five standard errors, of a lag beside a lever arm to either alone
+_CONVERGED, _SHORT = 1e-4, 0.1  # s
 
 
 @dataclass(frozen=True)
@@ -102,24 +104,37 @@ def _track_increments(
 
 
 def _lag_fit(
-    trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float
+    trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float, *, lever: bool
 ) -> tuple[float, float, np.ndarray]:
-    """Least-squares lag of a kind [s] by Gauss-Newton, its error [s] and the residuals [m]."""
-    seconds = 0.0
+    """Least-squares lag of a kind [s] by Gauss-Newton, its error [s] and the residuals [m]; beside a ``lever`` arm."""
+    seconds, arm = 0.0, 0.0
     for _ in range(_STEPS):
         predicted, slope = _track_increments(trial, track, kind, seconds)
-        (step, *_), (error, *_), residuals = track.fit([slope.ravel()], measured - predicted)
-        seconds = float(np.clip(seconds + step, -longest, longest))
+        arms = [_lever_columns(trial, track, kind, moment) for moment in (seconds, seconds + _SHORT)] if lever else []
+        if arms:
+            slope = slope + arm * (arms[1] - arms[0]) / _SHORT
+        columns = [slope.ravel(), *(column.ravel() for column in arms[:1])]
+        (step, *others), (error, *_), residuals = track.fit(columns, measured - predicted)
+        seconds, arm = float(np.clip(seconds + step, -longest, longest)), others[0] if arms else 0.0
         if abs(step) < _CONVERGED:
             break
     return seconds, float(error), residuals
 
 
+def _lever_columns(trial: xr.Dataset, track: TrackBlocks, kind: str, seconds: float) -> np.ndarray:
+    """Increments of a track a unit length forward; psi and r are of the time of the track."""
+    late = seconds if kind == "heading" else min(seconds, 0.0) if kind == "earth" else 0.0
+    time = trial["time"].values
+    return lever_column(
+        changed(trial, **{name: _later(time, trial[name].values, late) for name in ("psi", "r")}), track
+    )
+
+
 def late_misfit(scale: ShipScale, trial: xr.Dataset) -> float:
     """Velocity that misses the track [m/s] with the late channels moved, of the kind that leaves least."""
     track, measured = track_blocks(trial, scale)
-    longest = LONGEST_SOUGHT * scale.time
-    return min(track.missing_velocity(_lag_fit(trial, track, measured, kind, longest)[2]) for kind in READINGS)
+    fits, kind = _lag_fits(trial, track, measured, scale, lever=True)
+    return track.missing_velocity(fits[kind][2])
 
 
 def _rms(residuals: np.ndarray) -> float:
@@ -134,14 +149,25 @@ def _log_likelihood_ratio(residuals: np.ndarray, others: np.ndarray) -> float:
     return float(independent * np.log(max(_rms(others), tiny) / max(_rms(residuals), tiny)))
 
 
+def _lag_fits(
+    trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, scale: ShipScale, *, lever: bool = False
+) -> tuple[dict[str, tuple[float, float, np.ndarray]], str]:
+    """Lag of every kind, as :func:`_lag_fit`, and the kind that leaves least."""
+    longest = LONGEST_SOUGHT * scale.time
+    fits = {kind: _lag_fit(trial, track, measured, kind, longest, lever=lever) for kind in READINGS}
+    return fits, min(fits, key=lambda name: _rms(fits[name][2]))
+
+
 def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = None) -> Check:
     """Lag of velocities, heading or track, distinguished from a lever arm; a ``known`` one of all runs prevails."""
     if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(NAME, reason)
     track, measured = track_blocks(trial, scale)
-    fits = {kind: _lag_fit(trial, track, measured, kind, LONGEST_SOUGHT * scale.time) for kind in READINGS}
     _, _, arm = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
-    kind = min(fits, key=lambda name: _rms(fits[name][2]))
+    fits, kind = _lag_fits(trial, track, measured, scale)
+    both, kind_of_both = _lag_fits(trial, track, measured, scale, lever=True)
+    if all(_log_likelihood_ratio(both[kind_of_both][2], one) > _BOTH for one in (fits[kind][2], arm)):
+        fits, kind = both, kind_of_both  # a late receiver off the origin
     found, ratio = VelocityLag(kind, *fits[kind][:2]), _log_likelihood_ratio(fits[kind][2], arm)
     numbers: Numbers = ()
     for name, (seconds, error, residuals) in fits.items():

@@ -109,7 +109,7 @@ def body_velocity(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     return x_dot * cos + y_dot * sin, (y_dot * cos - x_dot * sin) / np.cos(roll_angle(trial))
 
 
-def _lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
+def lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
     """Increments of the track from a lever arm of 1 m."""
     rate, psi = trial["r"].values * np.cos(roll_angle(trial)), trial["psi"].values
     return track.increments_of(-rate * np.sin(psi), rate * np.cos(psi))
@@ -164,7 +164,7 @@ def _sway_scale_text(
     u, v = trial["u"].values, trial["v"].values
     missing = measured - track.increments_of(*turned_to_earth(u, 0.0 * v, trial))
     sway = track.increments_of(*turned_to_earth(0.0 * u, v, trial))
-    (factor, lever, *_), (error, *_), _ = track.fit([sway.ravel(), _lever_column(trial, track).ravel()], missing)
+    (factor, lever, *_), (error, *_), _ = track.fit([sway.ravel(), lever_column(trial, track).ravel()], missing)
     if (
         factor <= -NO_SWAY
         or abs(lever) > LONGEST_LEVER * scale.L
@@ -204,7 +204,7 @@ def track_misfit(trial: Channels, scale: ShipScale) -> float:
 
 def lever_fit(trial: xr.Dataset, track: TrackBlocks, missing: np.ndarray) -> tuple[float, float, np.ndarray]:
     """Lever arm [m], its standard error and the residuals, as :meth:`TrackBlocks.fit`."""
-    coefficients, errors, residuals = track.fit([_lever_column(trial, track).ravel()], missing)
+    coefficients, errors, residuals = track.fit([lever_column(trial, track).ravel()], missing)
     return float(coefficients[0]), float(errors[0]), residuals
 
 
