@@ -142,6 +142,17 @@ def test_standard_errors_are_those_of_any_unit():
 # what the data determine
 
 
+@pytest.mark.parametrize("spoil", [lambda rows: 2.0 * rows, lambda rows: rows.roll(row=1)], ids=["twice", "rows"])
+def test_log_densities_of_other_values_are_refused(good, spoil):
+    """Draws of the same labels; a constant is that of a law."""
+    density, tree = good[0]["log_likelihood"].to_dataset(), good[0].copy(deep=True)
+    tree["log_likelihood"] = density + 3.0
+    d.check_posterior(tree)
+    tree["log_likelihood"] = spoil(density)
+    with refused(ps.ShipError, "anew"):
+        d.check_posterior(tree)
+
+
 def test_large_coefficients_are_determined_and_a_zero_is_not(good):
     found = d.contraction(good[0])
     assert found["determined"].values.tolist() == [True, True, False]

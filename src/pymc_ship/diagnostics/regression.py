@@ -26,6 +26,7 @@ REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
 _PREDICTIVE = ("prior", "prior_predictive", "posterior_predictive")  # groups of with_predictive
 _NOISE = {"noise_variance": ("chain", "draw")}  # checked where a tree has it
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
+_ROUNDING = 1e-6  # largest relative difference of equal log densities
 _WIDTH_DRAWS, _RATIO_DRAWS = 20000, 400  # draws of the prior for the widths of sigma2, and for the predicted rms
 
 
@@ -44,6 +45,22 @@ def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
         json.loads(tree.attrs["scaling"])["response_scale"]
     except (ValueError, KeyError, TypeError) as error:
         raise ShipError(f"{name} is no posterior of this package, its prior or scaling is broken: {error}.") from None
+    wanted = ("log_likelihood/response", "observed_data/response", "constant_data/design_matrix")
+    if all(has(tree, path) for path in (*wanted, "posterior/noise_variance")) and errors_of(tree) != OWN:
+        _check_log_likelihood(tree, name)
+
+
+def _check_log_likelihood(tree: xr.DataTree, name: str) -> None:
+    """Raise ValueError for log densities that are not those of draws, response and design by the law of the errors."""
+    tree = free_posterior(tree)
+    few = tree["posterior"].to_dataset().isel(draw=slice(4))
+    found = tree["log_likelihood"]["response"].isel(draw=slice(4)).transpose(*SAMPLE, "row").to_numpy()
+    difference = found - log_likelihood_group(data_of(tree), errors_of(tree), few)["response"].to_numpy()
+    if np.ptp(difference) > _ROUNDING * (1.0 + np.abs(found).max()):
+        raise ShipError(
+            f"The log_likelihood must be that of the draws, response and design_matrix of {name}, found other values "
+            f"for {errors_of(tree)} errors; compute it anew, or leave the group out."
+        )
 
 
 def _has_draws_of(drawn: xr.Dataset, group: xr.Dataset) -> bool:

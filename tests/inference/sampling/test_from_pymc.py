@@ -12,6 +12,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.inference.sampling.error_laws import ERRORS, errors_of
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
+from pymc_ship.inference.sampling.predictive import prior_draws
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
 from tests.inference.sampling.cases import hyperparameters, regression
 from tests.sentences import refused
@@ -231,6 +232,21 @@ def test_a_tree_of_another_design_is_refused():
     other = ps.RegressionData.from_arrays(DATA.design_matrix * [1, 1, 1, 1, 9], DATA.response, DATA.coefficients)
     with refused(ValueError, "design_matrix"):
         posterior_tree(ps.exact_posterior(DATA, PRIOR, draws=8, rng=1), other)
+
+
+@pytest.mark.parametrize("factor", [0.3, 1.0, 3.0])
+def test_a_prior_of_other_widths_than_the_draws_of_the_model_is_refused(factor):
+    """As where sigma was a variance or a precision; without a prior nothing is compared."""
+    tree = ps.exact_posterior(DATA, PRIOR, draws=40, rng=1)
+    drawn = prior_draws(DATA, PRIOR, 500, rng=np.random.default_rng(1))
+    drawn["coefficients"][..., 1] *= factor
+    groups = xr.DataTree.from_dict({"posterior": tree["posterior"].to_dataset(), "prior": drawn})
+    assert "prior" in posterior_tree(groups, DATA).children
+    if factor == 1.0:
+        assert "prior" in posterior_tree(groups, DATA, prior=PRIOR).children
+        return
+    with refused(ps.ShipError, "wide"):
+        posterior_tree(groups, DATA, prior=PRIOR)
 
 
 def own_prior(data, given):

@@ -12,7 +12,7 @@ from pymc_ship.inference.regression.priors import Prior, check_data, check_prior
 from pymc_ship.inference.regression.tree import SAMPLE, data_groups, rng_state, tree_attrs
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import OWN, law_of_draws
-from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, is_equal
+from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, is_equal, prior_draws
 from pymc_ship.machine.arguments import check_kind
 from pymc_ship.machine.errors import InferenceError, ShipError
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _DATA = ("observed_data", "constant_data")
 _BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
+_FEWEST, _COMPARED, _OTHER_WIDTH = 200, 4000, 1.5  # least draws of a model, those of a prior, ratio of other widths
 _COPIED_GROUPS = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
 
 
@@ -47,7 +48,8 @@ def posterior_tree(
     model : pymc.Model, optional
         Computes missing log densities and predictive groups. Its one observed variable becomes ``response``.
     prior : Prior, optional
-        Give it if the model has exactly this prior (not checked), to compare draws with the exact posterior.
+        Give it if the model has exactly this prior, to compare draws with the exact posterior. The widths of the group
+        prior are compared with it, if there is one.
     rng : int, SeedSequence or Generator, optional
         Required with a model, for predictive draws.
 
@@ -62,7 +64,7 @@ def posterior_tree(
     ------
     ValueError
         For a tree or a model without the coefficients, rows, response or ``design_matrix`` of the data, a model with
-        several observed variables, or a model without ``rng``.
+        several observed variables, or a model without ``rng``; for a prior of other widths than that of the model.
     """
     rng = None if rng is None else random_generator(rng)
     check_data(data)
@@ -82,11 +84,30 @@ def posterior_tree(
         computed = _from_model(groups, model, data, int(rng.integers(2**31)))
         groups = {name: _named_rows(group, name, data, None) for name, group in computed.items()} | groups
         groups = {name: _posterior(group, data) if name == "prior" else group for name, group in groups.items()}
+    if prior is not None and "coefficients" in groups.get("prior", ()):
+        _check_prior_draws(groups["prior"]["coefficients"], prior, data)
     hyperparameters = {"family": OWN} if prior is None else prior.hyperparameters()
     root = xr.Dataset(attrs=tree_attrs(data, hyperparameters, "nuts", state))
     if "noise_variance" in groups["posterior"]:
         root.attrs["errors"] = law_of_draws(data, groups["posterior"], groups.get("log_likelihood", xr.Dataset()))
     return xr.DataTree.from_dict({"/": root, **groups, **data_groups(data)})
+
+
+def _check_prior_draws(drawn: xr.DataArray, prior: Prior, data: RegressionData) -> None:
+    """Raise ValueError for prior draws of a model that are wider or narrower than the prior."""
+    given = prior_draws(data, prior, _COMPARED, rng=np.random.default_rng(0))["coefficients"].to_numpy()
+    found = drawn.transpose(*SAMPLE, ...).to_numpy().reshape(-1, drawn.shape[-1])
+    if len(found) < _FEWEST or found.shape[1] != data.n_terms:
+        return
+    widths = [np.subtract(*np.quantile(draws, [0.75, 0.25], axis=0)) for draws in (found, given[0])]
+    ratio = widths[0] / widths[1]
+    k = int(np.argmax(np.abs(np.log(np.maximum(ratio, 1e-300)))))
+    if not 1.0 / _OTHER_WIDTH < ratio[k] < _OTHER_WIDTH:
+        raise ShipError(
+            f"The prior must be that of the model, found draws of {data.coefficients[k]} {ratio[k]:.2g} times as wide; "
+            "sigma of PyMC is a standard deviation, no variance or precision, and of scaled_coefficients: correct the "
+            "model, or give its prior."
+        )
 
 
 def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
