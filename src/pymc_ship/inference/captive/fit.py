@@ -5,6 +5,7 @@ The noise is mostly model error, which tests at one speed and side share; the de
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -155,7 +156,7 @@ def _odd_tests(tests: xr.Dataset, vessel: Vessel, sd: dict[str, float], residual
     return tuple(sentences)
 
 
-def _far_from_prior(names: tuple[str, ...], away: np.ndarray) -> tuple[str, ...]:
+def _far_from_prior(names: Sequence[str], away: np.ndarray) -> tuple[str, ...]:
     """Sentence on coefficients that the tests move by many sd of their prior."""
     far = [f"{names[k]} by {away[k]:+.2g}" for k in np.argsort(-np.abs(away)) if abs(away[k]) > _FAR]
     sentence = f"The captive tests move {', '.join(far)} sd of the prior: check units, columns and the vessel file."

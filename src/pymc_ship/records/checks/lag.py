@@ -163,11 +163,12 @@ def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = N
     if reason := missing_channels_text(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(NAME, reason)
     track, measured = track_blocks(trial, scale)
-    _, _, arm = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
+    lever, error, arm = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
     fits, kind = _lag_fits(trial, track, measured, scale)
-    both, kind_of_both = _lag_fits(trial, track, measured, scale, lever=True)
-    if all(_log_likelihood_ratio(both[kind_of_both][2], one) > _BOTH for one in (fits[kind][2], arm)):
-        fits, kind = both, kind_of_both  # a late receiver off the origin
+    if abs(lever) > SIGNIFICANT * error:  # perhaps a late receiver off the origin
+        both, kind_of_both = _lag_fits(trial, track, measured, scale, lever=True)
+        if all(_log_likelihood_ratio(both[kind_of_both][2], one) > _BOTH for one in (fits[kind][2], arm)):
+            fits, kind = both, kind_of_both
     found, ratio = VelocityLag(kind, *fits[kind][:2]), _log_likelihood_ratio(fits[kind][2], arm)
     numbers: Numbers = ()
     for name, (seconds, error, residuals) in fits.items():
