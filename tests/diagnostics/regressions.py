@@ -59,7 +59,7 @@ def three_ways(**changes):
 
 
 def shifted(tree, by=0.1):
-    """Draws whose first coefficient sits so many standard deviations from where it belongs."""
+    """Draws whose first coefficient sits so many standard deviations from where it belongs, without log likelihood."""
     draws = tree["posterior"].to_dataset().copy(deep=True)
     draws["coefficients"][..., 0] += by * draws["coefficients"][..., 0].std()
-    return tree.assign({"posterior": xr.DataTree(draws)})
+    return tree.assign({"posterior": xr.DataTree(draws)}).drop_nodes("log_likelihood")
