@@ -17,6 +17,7 @@ from pymc_ship.inference.trajectory.noise import (
     ALPHA,
     LAGS,
     fit_with_noise,
+    kurtosis_test,
     offset_test,
     residual_tests,
     sample_residuals,
@@ -187,6 +188,12 @@ class TestTests:
         residuals = (run.block_means(errors) / noise.sd[:, None],)
         problem = SimpleNamespace(runs=(run,), noise=(noise,))
         return SimpleNamespace(problem=problem, residuals=residuals, unknowns=None)
+
+    @pytest.mark.parametrize("n", [40, 20_000])
+    def test_the_test_of_tails_is_that_of_scipy(self, n):
+        samples = np.random.default_rng(5).standard_t(8.0, (4, n))
+        expected = stats.kurtosistest(samples, axis=1, alternative="greater").pvalue
+        np.testing.assert_allclose(kurtosis_test(samples), expected, rtol=1e-11)
 
     def test_the_size_scatters_as_its_p_says_where_the_sd_is_right(self, one_channel, monkeypatch):
         """White noise whose sd comes from its own second differences, 800 times: squares of a standard normal value."""

@@ -10,6 +10,7 @@ from dataclasses import replace
 import arviz as az
 import numpy as np
 import pytest
+from arviz_stats.base.array import array_stats
 from scipy import stats
 from scipy.special import logsumexp
 
@@ -121,6 +122,16 @@ class TestKhat:
     def test_it_is_the_shape_of_a_pareto_tail(self, shape):
         log_weight = -shape * np.log(np.random.default_rng(4).uniform(size=20_000))
         assert pareto_khat(log_weight) == pytest.approx(shape, abs=0.15)
+
+    @pytest.mark.parametrize("count", [225, 226, 1000])
+    def test_it_is_that_of_arviz(self, count):
+        log_weight = np.random.default_rng(6).standard_t(4.0, count)
+        expected = array_stats.psislw(log_weight.max() - log_weight)[1]
+        assert pareto_khat(log_weight) == pytest.approx(expected, rel=1e-12)
+        assert pareto_khat(1.01 * log_weight) != pytest.approx(expected, rel=1e-5)
+
+    def test_equal_weights_have_no_tail(self):
+        assert np.isnan(pareto_khat(np.zeros(100)))
 
     def test_a_narrow_proposal_has_a_large_k_hat(self):
         """Weights of a normal target under a normal of half its sd have no variance: k-hat about 3/4 and more."""

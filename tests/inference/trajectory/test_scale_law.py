@@ -17,6 +17,7 @@ from pymc_ship.inference.trajectory.scale_law import (
     gibbs_draws,
     probable_scales,
 )
+from pymc_ship.machine.threads import one_thread
 
 INFORMATION = np.array([[2.0, 0.8], [0.8, 1.0]])
 SCORE = np.array([3.0, -1.0])
@@ -89,6 +90,23 @@ class TestGibbs:
         one, start = problem(), probable_scales(problem(), PAIR.center)
         draws = [gibbs_draws(one, start, 2, 50, np.random.default_rng(3))[0] for _ in range(2)]
         np.testing.assert_array_equal(*draws)
+
+    def test_threads_do_not_change_the_draws(self):
+        one, start = problem(), probable_scales(problem(), PAIR.center)
+        in_threads = gibbs_draws(one, start, 3, 50, np.random.default_rng(3))[0]
+        with one_thread():
+            np.testing.assert_array_equal(gibbs_draws(one, start, 3, 50, np.random.default_rng(3))[0], in_threads)
+        assert np.unique(in_threads[:, :, 0]).size == in_threads[:, :, 0].size
+
+    def test_a_start_far_too_narrow_is_left(self):
+        """Where the slope of the evidence is so steep that a leapfrog overshoots every scale."""
+        law = ScaleLaw(np.ones((8, 1)), np.zeros(1), ("tau",))
+        one = LinearProblem(law, np.ones(8), 1e6 * np.eye(8), 3e6 * np.ones(8), np.zeros(8))
+        narrow = Scales(np.array([-4.0]), one.factor(np.array([-4.0])))
+        drawn, eta = gibbs_draws(one, narrow, 4, 500, np.random.default_rng(7))
+        np.testing.assert_allclose(drawn[:, 100:], 3.0, atol=6e-3)
+        expected = gibbs_draws(one, probable_scales(one, law.center), 4, 500, np.random.default_rng(8))[1]
+        assert largest_z(eta[:, 100:], [expected[:, 100:].mean(axis=(0, 1))]) < 6.0
 
     def test_a_coefficient_without_factors_keeps_its_normal_law(self):
         law = ScaleLaw(np.array([[1.0], [0.0]]), np.zeros(1), ("tau",))
