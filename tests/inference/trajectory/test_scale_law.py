@@ -102,7 +102,7 @@ class TestGibbs:
         """Where the slope of the evidence is so steep that a leapfrog overshoots every scale."""
         law = ScaleLaw(np.ones((8, 1)), np.zeros(1), ("tau",))
         one = LinearProblem(law, np.ones(8), 1e6 * np.eye(8), 3e6 * np.ones(8), np.zeros(8))
-        narrow = Scales(np.array([-4.0]), one.factor(np.array([-4.0])))
+        narrow = Scales(np.array([-8.0]), one.factor(np.array([-8.0])))
         drawn, eta = gibbs_draws(one, narrow, 4, 500, np.random.default_rng(7))
         np.testing.assert_allclose(drawn[:, 100:], 3.0, atol=6e-3)
         expected = gibbs_draws(one, probable_scales(one, law.center), 4, 500, np.random.default_rng(8))[1]

@@ -20,6 +20,7 @@ _BURN_IN = 50
 _THINNING = 2
 _LEAPFROGS = 3  # of Hamiltonian Monte Carlo
 _STEP = 0.8  # mean length of a leapfrog of eta, in posterior sd
+_WALK = 0.6  # step of the random walk of eta, in posterior sd of a group of about ten coefficients
 _LARGEST_LEAPFROG = 3.0  # change of the log of a scale beyond which a proposal is refused
 _MOST_UPDATES = 200
 _CONVERGED = 1e-3
@@ -104,7 +105,7 @@ def gibbs_draws(
     """Draws of deviations and eta, (chains, draws, n_coefficients) and (chains, draws, n_factors).
 
     eta moves by Hamiltonian Monte Carlo (Neal 2011, doi:10.1201/b10905-6) with the deviations integrated out (Liu 1994,
-    doi:10.1080/01621459.1994.10476829), then all given them, in turns with the scale mixture of Student's t (Lange,
+    doi:10.1080/01621459.1994.10476829), then given them, in turns with the scale mixture of Student's t (Lange,
     Little & Taylor 1989, doi:10.1080/01621459.1989.10478852).
     """
     law, begin = problem.law, FACTOR_SD * 0.5 * rng.standard_normal((chains, problem.law.center.size)) + start.eta
@@ -180,9 +181,29 @@ def _gibbs(
             if kernel.is_scaled[i]:
                 standard = (deviation[i] / factor[i]) ** 2
                 mixing[i] = min((FREEDOM + standard) / 2.0 / rng.gamma((FREEDOM + 1.0) / 2.0, 1.0), _LARGEST_MIXING)
+        eta = _walk(kernel, eta, (deviation / factor) ** 2 / mixing, rng)
         sd = kernel.scale * np.exp(exponents @ eta) * np.sqrt(mixing)
         if step >= 0 and step % _THINNING == 0:
             deviations[step // _THINNING], factors[step // _THINNING] = deviation, eta
+
+
+@njit(cache=True, nogil=True)
+def _walk(kernel: _Kernel, eta: np.ndarray, square: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Random walk of each factor given the deviations, (n_factors,); it leaves scales too narrow for a leapfrog.
+
+    ``square`` is that of the deviations over their sds, (n_coefficients,).
+    """
+    eta, square = eta.copy(), square.copy()
+    for k in range(eta.size):
+        change = _WALK * rng.standard_normal()
+        power = change * kernel.exponents[:, k]
+        ratio = np.exp(-2.0 * power)
+        gain = -np.sum(power + 0.5 * square * (ratio - 1.0))
+        gain -= change * (eta[k] - kernel.center[k] + 0.5 * change) / FACTOR_SD**2
+        if np.log(rng.random()) < gain:
+            eta[k] += change
+            square *= ratio
+    return eta
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
