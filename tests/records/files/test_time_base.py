@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from decimal import Decimal
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -47,6 +49,17 @@ class TestRounding:
 
     def test_stamps_of_full_precision_are_hardly_rounded(self):
         assert rounding(np.arange(1000) / 3.0).max() < 1e-12
+
+    @pytest.mark.parametrize("decimals", [-3, 0, 2, 9, 11])
+    def test_the_numbers_as_printed_give_it(self, decimals):
+        rng = np.random.default_rng(0)
+        for size in (1, 2, 40):
+            values = np.round(rng.normal(0.0, 1e3, size), decimals) * rng.choice([0.1, 1.0, 1e6])
+            printed = [Decimal(repr(value)).normalize().as_tuple() for value in values.tolist()]
+            last = max(-number.exponent for number in printed)
+            digits = max(3, *(len(number.digits) for number in printed))
+            first = np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
+            np.testing.assert_array_equal(rounding(values), np.maximum(10.0**-last, 10.0 ** (first + 1 - digits)))
 
 
 class TestUniformRecords:

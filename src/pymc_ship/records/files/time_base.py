@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +28,7 @@ _STRAY_FRACTION = 0.01  # largest fraction of rows out of order that are dropped
 _NEIGHBOURS = 20  # rows before and after a step back that show whether the clock runs on from there
 _REPEATED_FRACTION = 0.1  # of stamps, from which the clock is coarse
 _FEWEST_DIGITS = 3  # significant digits of a stamp
+_MOST_DECIMALS, _EXACT = 9, 1e15  # of a number that a logger prints, and integers that print as they are
 _FEWEST_STAMPS = 5  # different ones, of as many rows each, that show the interval of the samples
 _MOST_SAMPLES = 10  # largest ratio of samples after and before resampling
 
@@ -47,19 +47,38 @@ class Regular(NamedTuple):
 def rounding(cells: np.ndarray) -> np.ndarray:
     """Resolution of time stamps as printed: the coarser of last decimal and last significant digit of all stamps."""
     known = np.isfinite(cells)
-    numbers = map(_decimals_and_digits, cells[known].tolist())
-    printed = np.fromiter(chain.from_iterable(numbers), dtype=int).reshape(-1, 2)
-    decimals, digits = printed.max(axis=0) if printed.size else (0, 0)
+    decimals, digits = _decimals_and_digits(cells[known]) if known.any() else (0, 0)
     magnitude = np.floor(np.log10(np.maximum(np.abs(cells[known]), 1e-300)))
     quantum = np.zeros_like(cells)
     quantum[known] = np.maximum(10.0 ** -float(decimals), 10.0 ** (magnitude + 1 - max(digits, _FEWEST_DIGITS)))
     return quantum
 
 
-def _decimals_and_digits(value: float) -> tuple[int, int]:
-    """Number of decimals of a number as printed, negative for tens, and of its significant digits."""
-    printed = Decimal(repr(value)).normalize().as_tuple()
-    return -int(printed.exponent), len(printed.digits)
+def _decimals_and_digits(values: np.ndarray) -> tuple[int, int]:
+    """Most decimals of numbers as printed, negative for tens, and most significant digits.
+
+    A double prints as the decimal of at most 15 digits that it is nearest to, if there is one.
+    """
+    printed = []
+    for decimals in range(_MOST_DECIMALS + 1):
+        with np.errstate(over="ignore"):
+            scaled = np.rint(values * 10.0**decimals)
+        fits = (np.abs(scaled) < _EXACT) & (scaled / 10.0**decimals == values)
+        printed += [_printed(decimals, scaled[fits].astype(np.int64))] if fits.any() else []
+        values = values[~fits]
+    for value in values.tolist():
+        number = Decimal(repr(value)).normalize().as_tuple()
+        printed.append((-int(number.exponent), len(number.digits)))
+    most_decimals, most_digits = np.max(printed, axis=0).tolist()
+    return most_decimals, most_digits
+
+
+def _printed(decimals: int, scaled: np.ndarray) -> tuple[int, int]:
+    """Most decimals and digits of integers over a power of ten, without the zeros at their end."""
+    zeros = np.zeros_like(scaled)
+    while (ends := (scaled % 10 == 0) & (scaled != 0)).any():
+        scaled, zeros = np.where(ends, scaled // 10, scaled), zeros + ends
+    return decimals - int(zeros.min()), len(str(np.abs(scaled).max()))
 
 
 def in_order(
