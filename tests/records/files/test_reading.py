@@ -11,7 +11,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.machine import text
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.records.files import reading
+from pymc_ship.records.files import text_rows
 from pymc_ship.records.files.reading import read_file
 from pymc_ship.trial.record import check_trial
 from tests.records.files.cases import NAMES, columns, written
@@ -468,5 +468,5 @@ class TestLongRecords:
     def test_columns_read_as_text_give_the_same_record(self, run, read, monkeypatch, delimiter):
         text = written(columns(run), delimiter)
         numbers = read(text)
-        monkeypatch.setattr(reading, "number_columns", lambda blocks, columns: {})
+        monkeypatch.setattr(text_rows, "number_columns", lambda blocks, columns: {})
         xr.testing.assert_identical(read(text), numbers)

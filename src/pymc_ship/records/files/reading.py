@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import os
-import re
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import accumulate, batched
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +15,7 @@ import xarray as xr
 
 from pymc_ship.machine.arguments import as_path
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.machine.text import TextError, file_text
+from pymc_ship.machine.text import MOST_BYTES, TextError, file_text, text_blocks, text_size
 from pymc_ship.records.files.clock import (
     clock_of_numbers,
     clock_of_text,
@@ -28,7 +25,6 @@ from pymc_ship.records.files.clock import (
     with_fraction,
 )
 from pymc_ship.records.files.columns import (
-    OF_CLOCK,
     PAIRS,
     ROS,
     Column,
@@ -36,7 +32,6 @@ from pymc_ship.records.files.columns import (
     clock_column,
     counts_the_rows,
     implausible_angles,
-    is_unit,
     matched_columns,
     without_stand_ins,
 )
@@ -51,6 +46,7 @@ from pymc_ship.records.files.format import (
     with_true_wind,
 )
 from pymc_ship.records.files.interpolation import brought_together, undelayed
+from pymc_ship.records.files.nmea import nmea_columns
 from pymc_ship.records.files.sides import (
     FOUND,
     bare_numbers,
@@ -66,8 +62,16 @@ from pymc_ship.records.files.tables import (
     cell_texts,
     check_size,
     column_cells,
-    nmea_columns,
 )
+from pymc_ship.records.files.text_rows import (
+    AROUND_UNITS,
+    is_number,
+    is_unit_row,
+    line_blocks,
+    plain_heading,
+    text_rows,
+)
+from pymc_ship.records.files.thinning import MOST_ROWS
 from pymc_ship.records.files.time_base import Regular, in_order, regular, rounding
 from pymc_ship.trial.cells import (
     MISSING_CELLS,
@@ -77,26 +81,17 @@ from pymc_ship.trial.cells import (
     cell_numbers,
     cells_of,
     end_to_end,
-    number_columns,
     number_of_different,
-    plain_text,
     texts_of,
     without_thousands,
 )
 from pymc_ship.trial.channels import CHANNELS, TIME
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
 
-_COMMENTS = ("#", "%")
-_FEWEST_LINES, _MOST_TITLES = 4, 200  # lines of a table that have titles before the header, and the most of these
-_LAST_LINES = 8  # that show how wide the rows are
-_LONGEST_HEADING, _LONGEST_STAMP = 100, 40  # letters
-_BLOCK = 10_000  # rows whose cells are text at a time
+_LONGEST_STAMP = 40  # letters
+_FIRST_LINES = 200  # by which a long log is known
 _SIDES = ("port", "starboard")
-_OPEN_QUOTE = re.compile(r'(?:^|[,;\t])"[^"]*$')  # of a cell that goes on in the next line
-_BEGIN_OF_STAMP = re.compile(r"\s*\d+[-:/.]\d")
-_DATE_AND_TIME = re.compile(r"(\d[-/.]\d+) +(\d+:\d)")  # of one heading, in columns between white space
 _REPEATED = 1.5  # rows of one stamp, in the mean, from which another clock precedes
-_AROUND_UNITS = " []{}()-"
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
 
@@ -257,76 +252,31 @@ class TextTable:
     settings: dict[str, str] = field(default_factory=dict)
 
 
-def _lines(path: Path) -> list[str]:
-    """Lines of a text file."""
-    try:
-        text = plain_text(file_text(path))
-    except TextError as error:
-        raise TrialError(f"The trial {path} cannot be read: {error}.") from None
-    check_size(path, [max(map(text.count, "\n\r"))])
-    return _unbroken(re.split(r"\r\n|\n|\r", text))
-
-
 def text_table(path: Path, layout: TrialFormat) -> TextTable:
     """Header, units and rows of a file or of those of a folder; TrialError if one cannot be read or is not a table."""
     if os.path.isdir(path):  # False for a name that no file can have
         return _joined_table(path, layout)
     if binary := binary_columns(path):
         return _with_bare_numbers(_table_of_series(*binary))
-    lines = _lines(path)
-    if log := nmea_columns(lines, path):
+    try:
+        return _table_of_text(path, layout)
+    except TextError as error:
+        raise TrialError(f"The trial {path} cannot be read: {error}.") from None
+
+
+def _table_of_text(path: Path, layout: TrialFormat) -> TextTable:
+    """Table of a text file; TextError for one that cannot be read."""
+    n_bytes, n_lines = text_size(path)
+    whole = n_bytes <= MOST_BYTES and n_lines <= MOST_ROWS
+    blocks = line_blocks([file_text(path)] if whole else text_blocks(path))
+    lines = next(blocks)
+    if log := nmea_columns(lines if whole else lines[:_FIRST_LINES], path):
+        if not whole:
+            raise TextError(f"its log has more than {MOST_BYTES / 1e6:.0f} MB or {MOST_ROWS} lines; split it")
         return _table_of_log(*log)
-    content, comments = _content(lines, layout.skip_rows)
-    begin, ends = ([lines[k] for k in some] for some in (content[:_MOST_TITLES], content[-_LAST_LINES:]))
-    titles = _titles(begin, ends, layout.delimiter or "")
-    content = content[titles:]
-    header = lines[content[0]] if content.size else ""
-    if content.size and all(map(_is_number, _cells_of_line(header, _delimiter(header)))):
-        raise TrialError(
-            f"{path}, line {content[0] + 1}: a trial has a header before its numbers, found "
-            f"{header.strip()[:60]!r}; add a line such as time [s], u [kn], psi [deg]."
-        )
-    if content.size < 3:
-        raise TrialError(f"{path}: a trial has a header and at least two rows, found {content.size} lines; check it.")
-    delimiter = layout.delimiter or _delimiter(header)
-    if delimiter == " " and len(lines[content[-1]].split()) == len(header.split()) + 1:
-        lines = [_DATE_AND_TIME.sub(r"\1T\2", line) for line in lines]
-    first = _cells_of_line(lines[content[1]], delimiter)
-    check_size(path, [content.size] * len(first))
-    heads = [lines[k].strip() for k in content[: 2 if _is_unit_row(first) else 1]]
-    body = np.array([k for k in content[len(heads) :].tolist() if lines[k].strip() not in heads], dtype=int)
-    again = content.size - len(heads) - body.size
-    widths = np.array([_width(cells) for cells in _rows(lines, body, delimiter)], dtype=int)
-    headings = _headings(lines[content[0]], delimiter, max(len(first), np.abs(widths).max(initial=0)))
-    units = [cell.strip(_AROUND_UNITS) for cell in first] if len(heads) > 1 else []
-    units += [""] * (len(headings) - len(units))
-    body, notes = _whole_rows(lines, body, delimiter, widths, len(headings), path)
-    notes = [f"The header is repeated {again} times: these lines left out.", *notes] if again else notes
-    notes = [f"{titles} lines before the header left out.", *notes] if titles else notes
-    table = TextTable(headings, units, _cells(lines, body, delimiter, headings), lines=body + 1, notes=notes)
-    return _with_bare_numbers(replace(table, **_stated_in(comments)))
-
-
-def _rows(lines: Sequence[str], at: np.ndarray, delimiter: str) -> Iterator[list[str]]:
-    """Cells of some lines."""
-    return (_cells_of_line(lines[k], delimiter) for k in at.tolist())
-
-
-def _width(cells: Sequence[str]) -> int:
-    """Number of cells, negative for an empty row."""
-    return len(cells) if any(map(str.strip, cells)) else -len(cells)
-
-
-def _cells(lines: Sequence[str], at: np.ndarray, delimiter: str, headings: Sequence[str]) -> list[Cells]:
-    """Cells of each column of some lines; parts of a stamp are text, whose zeros count."""
-    parts = {*date_columns(headings)}.union(*((k, more) for k, (more, _) in fraction_columns(headings).items()))
-    blocks = (list(zip(*block, strict=False)) for block in batched(_rows(lines, at, delimiter), _BLOCK))
-    numbers = number_columns(blocks, [k for k in range(len(headings)) if k not in parts])
-    texts: dict[int, list[str]] = {k: [] for k in range(len(headings)) if k not in numbers}
-    for row in _rows(lines, at, delimiter) if texts else ():
-        for k, cells in texts.items():
-            cells.append(row[k])
-    return [numbers[k] if k in numbers else texts[k] for k in range(len(headings))]
+    read = text_rows(chain([lines], blocks), n_lines, layout, path, whole=whole)
+    table = TextTable(read.headings, read.units, read.columns, lines=read.lines, notes=read.notes)
+    return _with_bare_numbers(replace(table, **_stated_in(read.comments)))
 
 
 def _stated_in(comments: list[str]) -> dict[str, Any]:
@@ -375,11 +325,11 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
 def _table_of_series(columns: Columns, notes: list[str]) -> TextTable:
     """Table of the columns of a binary file, whose first row may have the units."""
     first, units = ["".join(cell_texts(one.values[:1])) for one in columns], [one.unit for one in columns]
-    has_units = not any(units) and _is_unit_row(first)
-    units = [cell.strip(_AROUND_UNITS) for cell in first] if has_units else units
+    has_units = not any(units) and is_unit_row(first)
+    units = [cell.strip(AROUND_UNITS) for cell in first] if has_units else units
     cells = [column_cells(one.values[int(has_units) :]) for one in columns]
     lines = np.arange(1, columns[0].values.size + 1 - has_units)
-    return TextTable([_heading(one.heading) for one in columns], units, cells, lines=lines, notes=notes)
+    return TextTable([plain_heading(one.heading) for one in columns], units, cells, lines=lines, notes=notes)
 
 
 def _table_of_log(cells: dict[str, list[str]], units: dict[str, str], notes: list[str]) -> TextTable:
@@ -388,126 +338,6 @@ def _table_of_log(cells: dict[str, list[str]], units: dict[str, str], notes: lis
     columns = [cells_of(texts) for texts in cells.values()]
     table = TextTable(list(cells), [units.get(name, "") for name in cells], columns, lines=lines, notes=notes)
     return replace(_with_bare_numbers(table), rudder_positive="starboard", shows_axes=True)
-
-
-def _content(lines: list[str], skipped: int) -> tuple[np.ndarray, list[str]]:
-    """Lines with the header first, and comments; the header may be the last comment, whose mark is then taken off."""
-    kinds = np.array([k >= skipped and _kind(line) for k, line in enumerate(lines)], dtype=int)
-    content, comments = np.flatnonzero(kinds == 1), np.flatnonzero(kinds == 2)
-    texts = [lines[k] for k in comments]
-    begin = lines[content[0]] if content.size else ""
-    first = _cells_of_line(begin, _delimiter(begin))[0] if begin else ""
-    if _is_number(first) or _BEGIN_OF_STAMP.match(first):
-        before = comments[comments < content[0]][-1:]
-        for k in before:
-            lines[k] = lines[k].strip(" \t#%")
-        content = np.append(before, content)
-    return content, texts
-
-
-def _kind(line: str) -> int:
-    """0 for an empty line, 1 for content, 2 for a comment."""
-    text = line.strip()
-    return 0 if not text else 2 if text.startswith(_COMMENTS) else 1
-
-
-def _unbroken(lines: list[str]) -> list[str]:
-    """Lines with each quoted heading in one of them; those that it took are empty."""
-    lines = list(lines)
-    for k in [k for k, line in enumerate(lines[:_MOST_TITLES]) if _OPEN_QUOTE.search(line)]:
-        quotes = accumulate(line.count('"') for line in lines[k : k + _MOST_TITLES])
-        last = k + next((more for more, count in enumerate(quotes) if count % 2 == 0), 0)
-        taken = lines[k + 1 : last + 1]
-        if not any(_is_number(_cells_of_line(line, _delimiter(line))[0]) for line in taken if line.strip()):
-            lines[k : last + 1] = [" ".join([lines[k], *taken]), *[""] * len(taken)]
-    return lines
-
-
-def _titles(begin: Sequence[str], ends: Sequence[str], delimiter: str) -> int:
-    """Number of lines before the header, which is filled, of words, and as wide as most rows at the end of the file."""
-    mark = delimiter or Counter(map(_delimiter, ends)).most_common(1)[0][0] if ends else " "
-    width, rows = Counter(len(_cells_of_line(line, mark)) for line in ends).most_common(1)[0] if ends else (0, 0)
-    if mark == " " or len(begin) < _FEWEST_LINES or rows <= 0.5 * len(ends):
-        return 0
-    for titles, line in enumerate(begin):
-        cells = _cells_of_line(line, mark)
-        if len(cells) == width and sum(map(bool, map(str.strip, cells))) > 0.5 * width:
-            return 0 if _is_unit_row(cells) or any(map(_is_number, cells)) else titles
-    return 0
-
-
-def _delimiter(header: str) -> str:
-    plain = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", "", header)
-    return next((delimiter for delimiter in (";", "\t", ",") if delimiter in plain), " ")
-
-
-def _cells_of_line(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return line.split()
-    if '"' in line:
-        with suppress(csv.Error, StopIteration):
-            return next(csv.reader([line], delimiter=delimiter))
-    return line.split(delimiter)
-
-
-def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
-    """Names in the header, but for a last one without cells, such as remarks, in rows of ``n_cells`` at most.
-
-    In a table with white space a bracketed unit belongs to the name before it.
-    """
-    if delimiter != " ":
-        headings = [heading.strip() for heading in _cells_of_line(line, delimiter)]
-    else:
-        joined = re.sub(r"(?<!\s)\s+([\[(])", r"\1", line.strip())
-        headings = joined.split()
-        if len(headings) != n_cells:
-            headings = re.split(r"\s{2,}|\t", joined)
-    while headings and not headings[-1]:
-        headings.pop()
-    if len(headings) == n_cells + 1 and any(map(channels_of, headings)) and not channels_of(headings[-1]):
-        headings.pop()
-    return [*map(_heading, headings)]
-
-
-def _heading(text: str) -> str:
-    """First letters of a heading, those that are not printed replaced."""
-    plain = re.sub(r"\s", " ", plain_text(text[:_LONGEST_HEADING]))
-    return "".join(letter if letter.isprintable() else "?" for letter in plain)
-
-
-def _is_unit_row(cells: list[str]) -> bool:
-    if not any(map(is_unit, cells)) or any(map(_is_number, cells)):
-        return False
-    named = [cell for cell in cells if channels_of(cell) and not is_unit(cell)]
-    return all(OF_CLOCK.fullmatch(cell.strip(_AROUND_UNITS)) for cell in named)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.strip().replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def _whole_rows(
-    lines: Sequence[str], body: np.ndarray, delimiter: str, widths: np.ndarray, n: int, path: Path
-) -> tuple[np.ndarray, list[str]]:
-    """Lines with a cell for each of n headings, without empty ones and an incomplete last one."""
-    filled, widths = body[widths > 0], widths[widths > 0]
-    notes = [f"{body.size - filled.size} empty rows left out."] if filled.size < body.size else []
-    if filled.size and widths[-1] < n:
-        notes.append(f"Line {filled[-1] + 1}, the last, left out: it breaks off after {widths[-1]} of {n} columns.")
-        filled, widths = filled[:-1], widths[:-1]
-    if filled.size < 2:
-        raise TrialError(f"{path}: a trial has a header and at least two rows, found {filled.size} complete; check it.")
-    for k, width in zip(filled[widths != n], widths[widths != n], strict=True):
-        if width < n or any(map(str.strip, _cells_of_line(lines[k], delimiter)[n:])):
-            raise TrialError(
-                f"{path}, line {k + 1}: the header has {n} columns, found {width}; mend it, or state how many "
-                "lines stand before the header, skip_rows, in a format file."
-            )
-    return filled, notes
 
 
 def _with_whole_stamps(table: TextTable) -> TextTable:
@@ -555,7 +385,7 @@ def _stamps(table: TextTable, column: Column) -> list[str]:
     cells = table.columns[column.index]
     stamps = [] if isinstance(cells, Numbers) else [cell.strip()[:_LONGEST_STAMP] for cell in cells]
     stamps = ["" if stamp.lower() in MISSING_CELLS else stamp for stamp in stamps]
-    texts = sum(not _is_number(stamp) for stamp in stamps if stamp)
+    texts = sum(not is_number(stamp) for stamp in stamps if stamp)
     return stamps if texts > 0.5 * sum(map(bool, stamps)) else []
 
 

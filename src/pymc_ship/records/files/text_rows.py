@@ -1,0 +1,312 @@
+"""Lines of a text file as headings, units and columns; a file of many rows is read block by block and thinned."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from itertools import accumulate, batched, chain, pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pymc_ship.machine.errors import TrialError
+from pymc_ship.records.files.clock import date_columns, fraction_columns
+from pymc_ship.records.files.columns import OF_CLOCK, channels_of, is_unit
+from pymc_ship.records.files.format import TrialFormat
+from pymc_ship.records.files.tables import check_size
+from pymc_ship.records.files.thinning import rows_for_one, thinned, thinning, thinning_note
+from pymc_ship.trial.cells import Cells, end_to_end, number_columns, plain_text
+
+_COMMENTS = ("#", "%")
+_FEWEST_LINES, _MOST_TITLES = 4, 200  # lines of a table that have titles before the header, and the most of these
+_LAST_LINES = 8  # that show how wide the rows are
+_LONGEST_HEADING = 100  # letters
+_BLOCK = 10_000  # rows whose cells are text at a time
+_OPEN_QUOTE = re.compile(r'(?:^|[,;\t])"[^"]*$')  # of a cell that goes on in the next line
+_BEGIN_OF_STAMP = re.compile(r"\s*\d+[-:/.]\d")
+_DATE_AND_TIME = re.compile(r"(\d[-/.]\d+) +(\d+:\d)")  # of one heading, in columns between white space
+_LINE_END = re.compile(r"\r\n|\n|\r")
+AROUND_UNITS = " []{}()-"
+"""Marks that stand around a unit of a row of units."""
+
+
+class TextRows(NamedTuple):
+    """Headings, units, columns and line numbers of the rows of a text file, its comments, and sentences.
+
+    ``every``: rows of which one is left.
+    """
+
+    headings: list[str]
+    units: list[str]
+    columns: list[Cells]
+    lines: np.ndarray
+    comments: list[str]
+    notes: list[str]
+    every: int
+
+
+class _Header(NamedTuple):
+    """Line of headings with the delimiter, the cells of the line below, and the lines that may be repeated.
+
+    ``titles``: number of lines before it; ``parted``: whether a blank parts the date from the time of a stamp.
+    """
+
+    line: str
+    delimiter: str
+    below: list[str]
+    heads: list[str]
+    titles: int
+    parted: bool
+
+
+class _Rows(NamedTuple):
+    """Rows with the numbers of their lines; the widths also of empty ones, negative; the number of repeated headers."""
+
+    texts: list[str]
+    lines: np.ndarray
+    widths: np.ndarray
+    repeated: int
+
+
+def line_blocks(texts: Iterable[str]) -> Iterator[list[str]]:
+    """Lines of each block of a text; a quoted heading of the first one is in one line."""
+    for k, text in enumerate(texts):
+        lines = _LINE_END.split(plain_text(text))
+        lines = lines if lines[-1] else lines[:-1]
+        yield lines if k else _unbroken(lines)
+
+
+def text_rows(blocks: Iterable[list[str]], n_lines: int, layout: TrialFormat, path: Path, *, whole: bool) -> TextRows:
+    """Headings and columns of a file of so many lines, of which a block is in memory at a time.
+
+    A long file is thinned. ``whole``: whether the first block is the only one. TrialError for lines that are no table.
+    """
+    blocks = iter(blocks)
+    lines = next(blocks)
+    content, comments = _content(lines, layout.skip_rows)
+    header, content = _header(lines, content, layout, path)
+    n_rows = content.size if whole else n_lines
+    every = rows_for_one(n_rows, len(header.below), whole)
+    check_size(path, [n_rows // every] * len(header.below))
+    first = _rows_of(lines, content[len(header.heads) :], 1, header)
+    headings = _headings(header.line, header.delimiter, max(len(header.below), np.abs(first.widths).max(initial=0)))
+    units = [cell.strip(AROUND_UNITS) for cell in header.below] if len(header.heads) > 1 else []
+    units += [""] * (len(headings) - len(units))
+    plan = thinning(headings, layout.columns, every)
+    notes = [f"{header.titles} lines before the header left out."] if header.titles else []
+    pieces, numbers = [], []
+    parts = chain([first], _later_rows(blocks, len(lines), header))
+    for texts, rows in _whole_rows(parts, len(headings), header.delimiter, every, notes, path):
+        pieces.append(thinned(_cells(texts, header.delimiter, headings), plan))
+        numbers.append(rows[every // 2 :: every])
+    columns = [end_to_end(cells) for cells in zip(*pieces, strict=True)]
+    return TextRows(headings, units, columns, np.concatenate(numbers), comments, notes, every)
+
+
+def _header(lines: list[str], content: np.ndarray, layout: TrialFormat, path: Path) -> tuple[_Header, np.ndarray]:
+    """Header of the lines with content, and those from it on; TrialError without one, or without two rows."""
+    begin, ends = ([lines[k] for k in some] for some in (content[:_MOST_TITLES], content[-_LAST_LINES:]))
+    titles = _titles(begin, ends, layout.delimiter or "")
+    content = content[titles:]
+    line = lines[content[0]] if content.size else ""
+    if content.size and all(map(is_number, cells_of_line(line, _delimiter(line)))):
+        raise TrialError(
+            f"{path}, line {content[0] + 1}: a trial has a header before its numbers, found "
+            f"{line.strip()[:60]!r}; add a line such as time [s], u [kn], psi [deg]."
+        )
+    if content.size < 3:
+        raise TrialError(f"{path}: a trial has a header and at least two rows, found {content.size} lines; check it.")
+    delimiter = layout.delimiter or _delimiter(line)
+    parted = delimiter == " " and len(lines[content[-1]].split()) == len(line.split()) + 1
+    below = cells_of_line(_joined_stamps(lines[content[1]], parted), delimiter)
+    heads = [_joined_stamps(lines[k], parted).strip() for k in content[: 2 if is_unit_row(below) else 1]]
+    return _Header(_joined_stamps(line, parted), delimiter, below, heads, titles, parted), content
+
+
+def _joined_stamps(line: str, parted: bool) -> str:
+    """Line whose dates and times are one stamp."""
+    return _DATE_AND_TIME.sub(r"\1T\2", line) if parted else line
+
+
+def _rows_of(lines: Sequence[str], at: np.ndarray, number: int, header: _Header) -> _Rows:
+    """Rows at some lines of a block, the first line of which has this number in the file."""
+    lines = [_joined_stamps(line, True) for line in lines] if header.parted else lines
+    body = [k for k in at.tolist() if lines[k].strip() not in header.heads]
+    widths = np.array([_width(cells_of_line(lines[k], header.delimiter)) for k in body], dtype=int)
+    filled = np.array(body, dtype=int)[widths > 0]
+    texts = [lines[k] for k in filled.tolist()]
+    return _Rows(texts, filled + number, widths, at.size - len(body))
+
+
+def _later_rows(blocks: Iterable[list[str]], n_lines: int, header: _Header) -> Iterator[_Rows]:
+    """Rows of the blocks after the first ``n_lines`` lines of a file."""
+    for lines in blocks:
+        content = np.flatnonzero([_kind(line) == 1 for line in lines])
+        yield _rows_of(lines, content, n_lines + 1, header)
+        n_lines += len(lines)
+
+
+def _whole_rows(
+    parts: Iterable[_Rows], n: int, delimiter: str, every: int, notes: list[str], path: Path
+) -> Iterator[tuple[list[str], np.ndarray]]:
+    """Rows with a cell for each of n headings and their lines, without an incomplete last one, multiples of ``every``.
+
+    Appends sentences on what is left out, and on the thinning. TrialError for a row of another width.
+    """
+    texts: list[str] = []
+    numbers, rows, counts, broken = np.zeros(0, dtype=int), 0, Counter[str](), []
+    for part, following in pairwise(chain(parts, [None])):
+        widths = part.widths[part.widths > 0]
+        counts.update(header=part.repeated, empty=int((part.widths < 0).sum()))
+        if following is None and widths.size and widths[-1] < n:
+            last = f"Line {part.lines[-1]}, the last, left out: it breaks off after {widths[-1]} of {n} columns."
+            part, widths, broken = part._replace(texts=part.texts[:-1], lines=part.lines[:-1]), widths[:-1], [last]
+        _check_widths(part, widths, n, delimiter, path)
+        texts, numbers = [*texts, *part.texts], np.append(numbers, part.lines)
+        rows += len(part.texts)
+        if following is None and rows // every < 2:
+            raise TrialError(f"{path}: a trial has a header and at least two rows, found {rows} complete; check it.")
+        size = len(texts) // every * every
+        if size:
+            yield texts[:size], numbers[:size]
+        texts, numbers = texts[size:], numbers[size:]
+    again, empty = counts["header"], counts["empty"]
+    notes += [f"The header is repeated {again} times: these lines left out."] if again else []
+    notes += [f"{empty} empty rows left out."] if empty else []
+    notes += [*broken, *([thinning_note(rows, every)] if every > 1 else [])]
+
+
+def _check_widths(part: _Rows, widths: np.ndarray, n: int, delimiter: str, path: Path) -> None:
+    """Raise TrialError for a row of fewer cells than n, or with more that are filled."""
+    for k in np.flatnonzero(widths != n):
+        if widths[k] < n or any(map(str.strip, cells_of_line(part.texts[k], delimiter)[n:])):
+            raise TrialError(
+                f"{path}, line {part.lines[k]}: the header has {n} columns, found {widths[k]}; mend it, or state how "
+                "many lines stand before the header, skip_rows, in a format file."
+            )
+
+
+def _cells(texts: Sequence[str], delimiter: str, headings: Sequence[str]) -> list[Cells]:
+    """Cells of each column of some rows; parts of a stamp are text, whose zeros count."""
+    parts = {*date_columns(headings)}.union(*((k, more) for k, (more, _) in fraction_columns(headings).items()))
+    rows = (cells_of_line(text, delimiter) for text in texts)
+    blocks = (list(zip(*block, strict=False)) for block in batched(rows, _BLOCK))
+    numbers = number_columns(blocks, [k for k in range(len(headings)) if k not in parts])
+    columns: dict[int, list[str]] = {k: [] for k in range(len(headings)) if k not in numbers}
+    for text in texts if columns else ():
+        row = cells_of_line(text, delimiter)
+        for k, cells in columns.items():
+            cells.append(row[k])
+    return [numbers[k] if k in numbers else columns[k] for k in range(len(headings))]
+
+
+def _content(lines: list[str], skipped: int) -> tuple[np.ndarray, list[str]]:
+    """Lines with the header first, and comments; the header may be the last comment, whose mark is then taken off."""
+    kinds = np.array([k >= skipped and _kind(line) for k, line in enumerate(lines)], dtype=int)
+    content, comments = np.flatnonzero(kinds == 1), np.flatnonzero(kinds == 2)
+    texts = [lines[k] for k in comments]
+    begin = lines[content[0]] if content.size else ""
+    first = cells_of_line(begin, _delimiter(begin))[0] if begin else ""
+    if is_number(first) or _BEGIN_OF_STAMP.match(first):
+        before = comments[comments < content[0]][-1:]
+        for k in before:
+            lines[k] = lines[k].strip(" \t#%")
+        content = np.append(before, content)
+    return content, texts
+
+
+def _kind(line: str) -> int:
+    """0 for an empty line, 1 for content, 2 for a comment."""
+    text = line.strip()
+    return 0 if not text else 2 if text.startswith(_COMMENTS) else 1
+
+
+def _unbroken(lines: list[str]) -> list[str]:
+    """Lines with each quoted heading in one of them; those that it took are empty."""
+    lines = list(lines)
+    for k in [k for k, line in enumerate(lines[:_MOST_TITLES]) if _OPEN_QUOTE.search(line)]:
+        quotes = accumulate(line.count('"') for line in lines[k : k + _MOST_TITLES])
+        last = k + next((more for more, count in enumerate(quotes) if count % 2 == 0), 0)
+        taken = lines[k + 1 : last + 1]
+        if not any(is_number(cells_of_line(line, _delimiter(line))[0]) for line in taken if line.strip()):
+            lines[k : last + 1] = [" ".join([lines[k], *taken]), *[""] * len(taken)]
+    return lines
+
+
+def _titles(begin: Sequence[str], ends: Sequence[str], delimiter: str) -> int:
+    """Number of lines before the header, which is filled, of words, and as wide as most rows at the end of the file."""
+    mark = delimiter or Counter(map(_delimiter, ends)).most_common(1)[0][0] if ends else " "
+    width, rows = Counter(len(cells_of_line(line, mark)) for line in ends).most_common(1)[0] if ends else (0, 0)
+    if mark == " " or len(begin) < _FEWEST_LINES or rows <= 0.5 * len(ends):
+        return 0
+    for titles, line in enumerate(begin):
+        cells = cells_of_line(line, mark)
+        if len(cells) == width and sum(map(bool, map(str.strip, cells))) > 0.5 * width:
+            return 0 if is_unit_row(cells) or any(map(is_number, cells)) else titles
+    return 0
+
+
+def _delimiter(header: str) -> str:
+    plain = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", "", header)
+    return next((delimiter for delimiter in (";", "\t", ",") if delimiter in plain), " ")
+
+
+def cells_of_line(line: str, delimiter: str) -> list[str]:
+    """Cells between delimiters, or between white space for a blank."""
+    if delimiter == " ":
+        return line.split()
+    if '"' in line:
+        with suppress(csv.Error, StopIteration):
+            return next(csv.reader([line], delimiter=delimiter))
+    return line.split(delimiter)
+
+
+def _width(cells: Sequence[str]) -> int:
+    """Number of cells, negative for an empty row."""
+    return len(cells) if any(map(str.strip, cells)) else -len(cells)
+
+
+def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
+    """Names in the header, but for a last one without cells, such as remarks, in rows of ``n_cells`` at most.
+
+    In a table with white space a bracketed unit belongs to the name before it.
+    """
+    if delimiter != " ":
+        headings = [heading.strip() for heading in cells_of_line(line, delimiter)]
+    else:
+        joined = re.sub(r"(?<!\s)\s+([\[(])", r"\1", line.strip())
+        headings = joined.split()
+        if len(headings) != n_cells:
+            headings = re.split(r"\s{2,}|\t", joined)
+    while headings and not headings[-1]:
+        headings.pop()
+    if len(headings) == n_cells + 1 and any(map(channels_of, headings)) and not channels_of(headings[-1]):
+        headings.pop()
+    return [*map(plain_heading, headings)]
+
+
+def plain_heading(text: str) -> str:
+    """First letters of a heading, those that are not printed replaced."""
+    plain = re.sub(r"\s", " ", plain_text(text[:_LONGEST_HEADING]))
+    return "".join(letter if letter.isprintable() else "?" for letter in plain)
+
+
+def is_unit_row(cells: list[str]) -> bool:
+    """Whether the cells of a row are units."""
+    if not any(map(is_unit, cells)) or any(map(is_number, cells)):
+        return False
+    named = [cell for cell in cells if channels_of(cell) and not is_unit(cell)]
+    return all(OF_CLOCK.fullmatch(cell.strip(AROUND_UNITS)) for cell in named)
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a point or a comma."""
+    try:
+        float(cell.strip().replace(",", "."))
+    except ValueError:
+        return False
+    return True
