@@ -2,12 +2,12 @@
 
 import codecs
 import gzip
+import io
 import stat
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
 
 MOST_BYTES = 2**27
 """Largest size of a text, decompressed: a day of 20 channels at 10 Hz. It bounds the memory of a reader to 2 GB."""
@@ -63,7 +63,7 @@ def text_blocks(path: str | Path) -> Iterator[str]:
 
 
 @contextmanager
-def _opened(path: str | Path) -> Iterator[IO[bytes]]:
+def _opened(path: str | Path) -> Iterator[io.BufferedIOBase]:
     """Bytes of a file, decompressed; TextError for what is no file, or is damaged."""
     path = Path(path)
     if "\0" in str(path):
@@ -81,7 +81,7 @@ def _opened(path: str | Path) -> Iterator[IO[bytes]]:
         raise TextError(f"{error.strerror or error}; check the path") from None
 
 
-def _begin(stream: IO[bytes]) -> bytes:
+def _begin(stream: io.BufferedIOBase) -> bytes:
     """First bytes of a text, whose first line ends among them."""
     raw = stream.read(LONGEST_LINE + 1)
     if len(raw) > LONGEST_LINE and b"\n" not in raw and b"\r" not in raw and b"\0" not in raw:
@@ -89,7 +89,7 @@ def _begin(stream: IO[bytes]) -> bytes:
     return raw
 
 
-def _raw_blocks(stream: IO[bytes]) -> Iterator[bytes]:
+def _raw_blocks(stream: io.BufferedIOBase) -> Iterator[bytes]:
     """Bytes of whole lines, some at a time."""
     raw = _begin(stream)
     size = len(raw)

@@ -18,6 +18,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.columns import Column
 from pymc_ship.records.files.format import TrialFormat, load_format
 from pymc_ship.records.files.reading import TextTable, table_cells, text_table
+from pymc_ship.records.files.thinning import MOST_CELLS, MOST_ROWS
 from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, RADIAN_PER_SECOND, REVOLUTION_PER_SECOND
 
 FORCE_DOFS = {"X": "surge", "Y": "sway", "N": "yaw"}  # degree of freedom of each force
@@ -81,6 +82,10 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     if unused:
         raise TrialError(f"A format of captive tests has no {unused[0]}; leave it out, and name columns in the header.")
     table = text_table(path, layout)
+    if table.every > 1:
+        raise TrialError(
+            f"{path}: captive tests have at most {MOST_ROWS} rows and {MOST_CELLS} cells, found more; split it."
+        )
     columns = _columns(table, path)
     cells, notes = table_cells(table, columns, path)
     quantities = {name: column.si(cells[name]) for name, column in columns.items()}

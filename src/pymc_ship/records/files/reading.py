@@ -89,7 +89,7 @@ from pymc_ship.trial.channels import CHANNELS, TIME
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
 
 _LONGEST_STAMP = 40  # letters
-_FIRST_LINES = 200  # by which a long log is known
+_FIRST_LINES = 200  # that may come before the rows, and by which a long log is known
 _SIDES = ("port", "starboard")
 _REPEATED = 1.5  # rows of one stamp, in the mean, from which another clock precedes
 _LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
@@ -238,7 +238,7 @@ class TextTable:
 
     ``settings``: keys of the format that a file of :func:`pymc_ship.write_trial` states, such as ``facility``.
     ``shows_axes``: whether a file of its kind has axes of its own, that of a logger or of this package. ``begins``: the
-    first row of each file, for a table of several.
+    first row of each file, for a table of several. ``every``: rows of the file of which one is left.
     """
 
     headings: list[str]
@@ -250,13 +250,14 @@ class TextTable:
     shows_axes: bool = False
     begins: dict[str, int] = field(default_factory=dict)
     settings: dict[str, str] = field(default_factory=dict)
+    every: int = 1
 
 
 def text_table(path: Path, layout: TrialFormat) -> TextTable:
     """Header, units and rows of a file or of those of a folder; TrialError if one cannot be read or is not a table."""
     if os.path.isdir(path):  # False for a name that no file can have
         return _joined_table(path, layout)
-    if binary := binary_columns(path):
+    if binary := binary_columns(path, layout.columns):
         return _with_bare_numbers(_table_of_series(*binary))
     try:
         return _table_of_text(path, layout)
@@ -267,7 +268,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
 def _table_of_text(path: Path, layout: TrialFormat) -> TextTable:
     """Table of a text file; TextError for one that cannot be read."""
     n_bytes, n_lines = text_size(path)
-    whole = n_bytes <= MOST_BYTES and n_lines <= MOST_ROWS
+    whole = n_bytes <= MOST_BYTES and n_lines <= MOST_ROWS + _FIRST_LINES
     blocks = line_blocks([file_text(path)] if whole else text_blocks(path))
     lines = next(blocks)
     if log := nmea_columns(lines if whole else lines[:_FIRST_LINES], path):
@@ -275,7 +276,7 @@ def _table_of_text(path: Path, layout: TrialFormat) -> TextTable:
             raise TextError(f"its log has more than {MOST_BYTES / 1e6:.0f} MB or {MOST_ROWS} lines; split it")
         return _table_of_log(*log)
     read = text_rows(chain([lines], blocks), n_lines, layout, path, whole=whole)
-    table = TextTable(read.headings, read.units, read.columns, lines=read.lines, notes=read.notes)
+    table = TextTable(read.headings, read.units, read.columns, lines=read.lines, notes=read.notes, every=read.every)
     return _with_bare_numbers(replace(table, **_stated_in(read.comments)))
 
 
@@ -322,14 +323,16 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
     return replace(joined, columns=columns, lines=np.concatenate(lines), rudder_positive=side, shows_axes=own)
 
 
-def _table_of_series(columns: Columns, notes: list[str]) -> TextTable:
+def _table_of_series(columns: Columns, notes: list[str], every: int) -> TextTable:
     """Table of the columns of a binary file, whose first row may have the units."""
     first, units = ["".join(cell_texts(one.values[:1])) for one in columns], [one.unit for one in columns]
     has_units = not any(units) and is_unit_row(first)
     units = [cell.strip(AROUND_UNITS) for cell in first] if has_units else units
     cells = [column_cells(one.values[int(has_units) :]) for one in columns]
     lines = np.arange(1, columns[0].values.size + 1 - has_units)
-    return TextTable([plain_heading(one.heading) for one in columns], units, cells, lines=lines, notes=notes)
+    return TextTable(
+        [plain_heading(one.heading) for one in columns], units, cells, lines=lines, notes=notes, every=every
+    )
 
 
 def _table_of_log(cells: dict[str, list[str]], units: dict[str, str], notes: list[str]) -> TextTable:

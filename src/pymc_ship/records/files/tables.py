@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import re
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -18,8 +19,16 @@ import numpy as np
 import scipy
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.machine.text import MOST_BYTES
+from pymc_ship.machine.text import MOST_BLOCKS, MOST_BYTES
 from pymc_ship.records.files.columns import channels_of
+from pymc_ship.records.files.thinning import (
+    MOST_CELLS,
+    Thinning,
+    kept_rows,
+    rows_for_one,
+    thinning,
+    thinning_note,
+)
 from pymc_ship.trial.cells import Cells, Numbers, cells_of, plain_text
 from pymc_ship.trial.channels import TIME
 
@@ -31,7 +40,9 @@ _LONGEST_CELL = 60  # letters
 _SAME_CLOCK = 1_000_000_000  # ns between the stamp of a message and its recording, at most
 _STORAGE = (".db3", ".mcap")  # of ROS 2
 _SHEET_ROWS = 2**20  # of a worksheet
-_MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 5_000_000, 1000, 24_000_000  # of a trial, read in 2 GB
+_MOST_ROWS, _MOST_COLUMNS = 40_000_000, 1000  # of a trial, the most rows read in minutes
+_CHUNK = 2**17  # rows that are in memory at a time
+_BUFFER = 2**20  # bytes of each column of a Parquet file
 
 _INDEX = re.compile(r"__index_level_\d+__")  # of pandas, without a name
 _OF_XLSX = "[Content_Types].xml"
@@ -50,7 +61,15 @@ class Series(NamedTuple):
 
 
 Columns = list[Series]
-Table = tuple[Columns, list[str]]  # columns, and sentences
+Chosen = Mapping[str, Mapping[str, Any]]  # columns of a format by channel
+
+
+class Table(NamedTuple):
+    """Columns and sentences of a file, and the number of its rows of which one is left."""
+
+    columns: Columns
+    notes: list[str]
+    every: int = 1
 
 
 def bag_of(path: Path) -> Path:
@@ -59,10 +78,11 @@ def bag_of(path: Path) -> Path:
     return next((one for one in sorted(path.iterdir()) if one.suffix in _STORAGE), path) if bag else path
 
 
-def binary_columns(path: Path) -> Table | None:
+def binary_columns(path: Path, chosen: Chosen) -> Table | None:
     """Columns, of one length, and sentences on what is left out; None for a text file.
 
-    TrialError for a damaged file, and for two columns of one channel.
+    A long table is thinned, for which ``chosen`` has the columns of a format by channel. TrialError for a damaged file,
+    and for two columns of one channel.
     """
     if not os.path.isfile(path):  # False for a path that no file can have
         return None
@@ -74,10 +94,11 @@ def binary_columns(path: Path) -> Table | None:
     kind = next((kind for mark, kind in _KINDS.items() if begin.startswith(mark)), "")
     if not kind:
         return None
-    if path.stat().st_size > MOST_BYTES:
-        raise TrialError(f"{path}: a trial has at most {MOST_BYTES / 1e6:.0f} MB, found more; split it.")
+    most = MOST_BLOCKS if kind in _IN_BLOCKS else MOST_BYTES
+    if path.stat().st_size > most:
+        raise TrialError(f"{path}: a trial in {kind} has at most {most / 1e6:.0f} MB, found more; split it.")
     try:
-        columns, notes = _columns_by_process(kind, path) if kind in _IN_C else _READERS[kind](path)
+        columns, notes, every = (_columns_by_process if kind in _IN_C else _read)(kind, path, chosen)
     except TrialError:
         raise
     except ImportError as error:
@@ -94,7 +115,24 @@ def binary_columns(path: Path) -> Table | None:
     if rows < 2 or len(table) < 2:
         raise TrialError(f"{path}: a trial has two columns and two rows at least, found none in this {kind}; check it.")
     _check_single(path, [one for one in columns if one.values.size >= _SHORTEST_SERIES * rows])
-    return table, [*notes, *_other_lengths(columns, rows)]
+    notes = [*notes, *_other_lengths(columns, rows)]
+    plan = thinning([one.heading for one in table], chosen, rows_for_one(rows, len(table)))
+    if plan.every == 1:
+        return Table(table, notes, every)
+    values = thinned_arrays([one.values[: rows // plan.every * plan.every] for one in table], plan)
+    table = [one._replace(values=left) for one, left in zip(table, values, strict=True)]
+    return Table(table, [*notes, thinning_note(rows, plan.every)], plan.every)
+
+
+def thinned_arrays(columns: Sequence[np.ndarray], plan: Thinning) -> list[np.ndarray]:
+    """Cells that are left of columns of a binary file, whose rows are a multiple of ``plan.every``."""
+    cells = [
+        Numbers(np.where(np.isnat(values), np.nan, values.astype("i8")), False)
+        if values.dtype.kind == "M"
+        else column_cells(values)
+        for values in columns
+    ]
+    return [values[rows] for values, rows in zip(columns, kept_rows(cells, plan), strict=True)]
 
 
 def _other_lengths(columns: Columns, rows: int) -> list[str]:
@@ -118,13 +156,13 @@ def _check_single(path: Path, columns: Columns) -> None:
         )
 
 
-def check_size(path: Path, lengths: Sequence[int]) -> None:
-    """Raise TrialError if columns of these lengths are more than a trial has."""
-    rows, columns, cells = max(lengths, default=0), len(lengths), sum(lengths)
-    if rows > _MOST_ROWS or columns > _MOST_COLUMNS or cells > _MOST_CELLS:
+def check_size(path: Path, lengths: Sequence[int], every: int = 1) -> None:
+    """Raise TrialError if columns of these lengths, of which one row in so many is left, are more than a trial has."""
+    rows, columns, cells = max(lengths, default=0), len(lengths), sum(lengths) // every
+    if rows > _MOST_ROWS or columns > _MOST_COLUMNS or cells > MOST_CELLS:
         raise TrialError(
             f"{path}: a trial has at most {_MOST_ROWS / 1e6:g} million rows, {_MOST_COLUMNS} columns and "
-            f"{_MOST_CELLS / 1e6:g} million cells, found {rows} rows and {columns} columns; split it, or thin it."
+            f"{MOST_CELLS / 1e6:g} million cells, found {rows} rows and {columns} columns; split it, or thin it."
         )
 
 
@@ -144,21 +182,48 @@ def column_cells(values: np.ndarray) -> Cells:
     return cells_of(cell_texts(values))
 
 
-def _parquet(path: Path) -> Table:
+def _parquet(path: Path, chosen: Chosen) -> Table:
     from pyarrow import parquet, types
 
     schema = parquet.read_schema(path)
     texts = [field.name for field in schema if types.is_string(field.type) or types.is_large_string(field.type)]
     names = [field.name for field in schema if not types.is_nested(field.type)]
-    with parquet.ParquetFile(path, read_dictionary=texts) as file:
-        groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
-        _check_unpacked(path, sum(one.total_byte_size for one in groups))
-        check_size(path, [file.metadata.num_rows] * len(names))
-        table = file.read(names)
+    with parquet.ParquetFile(path, read_dictionary=texts, buffer_size=_BUFFER) as file:
+        size = sum(file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups))
+        rows = file.metadata.num_rows
+        plan = thinning(names, chosen, rows_for_one(rows, len(names), size <= _MOST_UNPACKED))
+        check_size(path, [rows] * len(names), plan.every)
+        if plan.every == 1:
+            _check_unpacked(path, size)
+            table = file.read(names)
+            columns = [_arrow_values(table[name]) for name in names]
+        else:
+            parts = _parquet_parts(file, names, plan.every)
+            columns = _end_to_end(thinned_arrays(part, plan) for part in parts)
     clocks = [name for name in names if _INDEX.fullmatch(name) and types.is_temporal(schema.field(name).type)]
     headings = dict.fromkeys(clocks if len(clocks) == 1 and not any(map(_is_clock, names)) else (), TIME.name)
     notes = ["The index without a name is taken as the time."] if headings else []
-    return [Series(headings.get(name, name), _arrow_values(table[name])) for name in table.column_names], notes
+    notes += [thinning_note(rows, plan.every)] if plan.every > 1 else []
+    series = [Series(headings.get(name, name), values) for name, values in zip(names, columns, strict=True)]
+    return Table(series, notes, plan.every)
+
+
+def _parquet_parts(file: Any, names: list[str], every: int) -> Iterator[list[np.ndarray]]:
+    """Columns of consecutive rows, each a multiple of ``every``."""
+    from pyarrow import Table as ArrowTable
+
+    rest: list[Any] = []
+    for batch in file.iter_batches(_CHUNK, columns=names):
+        table = ArrowTable.from_batches([*rest, batch])
+        rows = table.num_rows // every * every
+        if rows:
+            yield [_arrow_values(column) for column in table.slice(0, rows).columns]
+        rest = table.slice(rows).to_batches()
+
+
+def _end_to_end(parts: Iterable[list[np.ndarray]]) -> list[np.ndarray]:
+    """Columns of consecutive parts of a table."""
+    return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
 def _is_clock(heading: object) -> bool:
@@ -205,7 +270,7 @@ def _xlsx(path: Path) -> Table:
     for k, row in enumerate(cells):
         columns[: len(row), k] = row[: len(header)]
     named = [(k, str(name), column) for k, (name, column) in enumerate(zip(header, columns, strict=True), 1) if name]
-    return [Series(name, column, place=f"column {get_column_letter(k)}") for k, name, column in named], notes
+    return Table([Series(name, column, place=f"column {get_column_letter(k)}") for k, name, column in named], notes)
 
 
 def _rows(path: Path, sheet: Any, most: int) -> list[tuple[Any, ...]]:
@@ -227,32 +292,42 @@ def _is_header(row: Sequence[Any]) -> bool:
     )
 
 
-def _netcdf(path: Path) -> dict[str, tuple[str, np.ndarray, dict[str, Any]]]:
-    """Dimension, values as stored and attributes of each vector."""
+def _netcdf(path: Path, chosen: Chosen) -> tuple[dict[str, tuple[str, np.ndarray, dict[str, Any]]], list[str], int]:
+    """Dimension, values as stored and attributes of each vector, with the other items of :class:`Table`."""
     from netCDF4 import Dataset
 
     with Dataset(path) as file:
         file.set_auto_maskandscale(False)
         file.set_auto_chartostring(False)
         vectors = {name: one for name, one in file.variables.items() if one.ndim == 1}
-        check_size(path, [one.size for one in vectors.values()])
-        read = {name: (*one.dimensions, one[:], one.__dict__) for name, one in vectors.items()}
+        sizes = [one.size for one in vectors.values()]
+        rows = max(sizes, default=0)
+        long = {name: one for name, one in vectors.items() if one.size == rows}
+        plan = thinning([*long], chosen, rows_for_one(rows, len(vectors)))
+        check_size(path, sizes, plan.every)
+        values = {name: one[:] for name, one in vectors.items() if plan.every == 1 or name not in long}
+        if plan.every > 1:
+            step, end = plan.every * max(_CHUNK // plan.every, 1), rows // plan.every * plan.every
+            parts = ([one[k : min(k + step, end)] for one in long.values()] for k in range(0, end, step))
+            values |= zip(long, _end_to_end(thinned_arrays(part, plan) for part in parts), strict=True)
+        read = {name: (*one.dimensions, values[name], one.__dict__) for name, one in vectors.items()}
     _check_unpacked(path, sum(values.nbytes for _, values, _ in read.values()))
-    return read
+    return read, [thinning_note(rows, plan.every)] if plan.every > 1 else [], plan.every
 
 
-def _decoded(vectors: Mapping[str, tuple[str, np.ndarray, dict[str, Any]]]) -> Table:
+def _decoded(vectors: Mapping[str, tuple[str, np.ndarray, dict[str, Any]]], notes: list[str], every: int) -> Table:
     """Table of the vectors of :func:`_netcdf`, by the CF conventions; without xarray their process starts sooner."""
     import xarray as xr
 
     clock = xr.coders.CFDatetimeCoder(use_cftime=False)
     data = xr.decode_cf(xr.Dataset(dict(vectors)), decode_times=clock, decode_timedelta=False)
     series = {str(name): one for name, one in data.variables.items() if one.ndim == 1}
-    return [Series(name, one.values, str(one.attrs.get("units", ""))) for name, one in series.items()], []
+    columns = [Series(name, one.values, str(one.attrs.get("units", ""))) for name, one in series.items()]
+    return Table(columns, notes, every)
 
 
 def _matlab(path: Path) -> Table:
-    return list(_series(scipy.io.loadmat(path, simplify_cells=True))), []
+    return Table(list(_series(scipy.io.loadmat(path, simplify_cells=True))), [])
 
 
 def _matlab_73(path: Path) -> Table:
@@ -276,7 +351,7 @@ def _matlab_73(path: Path) -> Table:
             for group in groups:
                 parent = parent.setdefault(group, {})
             parent[last] = np.reshape(one[()], -1)
-    return list(_series(table)), []
+    return Table(list(_series(table)), [])
 
 
 def _bag(path: Path) -> Table:
@@ -306,7 +381,7 @@ def _bag(path: Path) -> Table:
     names, times = list(dict.fromkeys(name for row in rows.values() for name in row)), sorted(rows)
     check_size(path, [len(rows)] * len(names))
     columns = [Series(name, np.array([rows[time].get(name, np.nan) for time in times])) for name in names]
-    return [Series("time", 1e-9 * (np.array(times) - times[0]), "s"), *columns] if times else [], []
+    return Table([Series("time", 1e-9 * (np.array(times) - times[0]), "s"), *columns] if times else [], [])
 
 
 def _numbers_of(message: Any, name: str) -> Iterator[tuple[str, float]]:
@@ -318,11 +393,12 @@ def _numbers_of(message: Any, name: str) -> Iterator[tuple[str, float]]:
             yield from _numbers_of(value, f"{name}.{part}")
 
 
-def _columns_by_process(kind: str, path: Path) -> Table:
+def _columns_by_process(kind: str, path: Path, chosen: Chosen) -> Table:
     """Read a file in a process of its own: at damaged files these libraries can end their process, or never return."""
+    headings = json.dumps({name: {"column": one["column"]} for name, one in chosen.items()})
     try:
         child = subprocess.run(
-            [sys.executable, "-c", _CHILD, kind, path],
+            [sys.executable, "-c", _CHILD, kind, path, headings],
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
             capture_output=True,
             timeout=_LONGEST_WAIT,
@@ -336,10 +412,15 @@ def _columns_by_process(kind: str, path: Path) -> Table:
     read = pickle.loads(child.stdout)
     if isinstance(read, Exception):
         raise read
-    return _decoded(read) if kind == "NetCDF" else read
+    return _decoded(*read) if kind == "NetCDF" else read
 
 
-def send_columns(kind: str, path: str) -> None:
+def _read(kind: str, path: Path, chosen: Chosen) -> Any:
+    """Columns of a file by the reader of its kind."""
+    return _READERS[kind](path, chosen) if kind in _IN_BLOCKS else _READERS[kind](path)
+
+
+def send_columns(kind: str, path: str, chosen: str) -> None:
     """Write what a file contains, pickled, or the error of their reader, to the standard output."""
     with suppress(ImportError, OSError, ValueError):  # on Windows the time alone is limited
         import resource
@@ -348,7 +429,7 @@ def send_columns(kind: str, path: str) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, 2 * (round(_LONGEST),))  # also where the reading process is killed
     read: Any
     try:
-        read = _READERS[kind](Path(path))
+        read = _read(kind, Path(path), json.loads(chosen))
     except Exception as error:
         read = error
     pickle.dump(read, sys.stdout.buffer)
@@ -389,7 +470,7 @@ _KINDS = {
 }
 """Kind of a file by its first bytes; a MAT file of version 7.3 is HDF5 behind a header of its own."""
 
-_READERS: Mapping[str, Callable[[Path], Any]] = {
+_READERS: Mapping[str, Callable[..., Any]] = {
     "Parquet": _parquet,
     "xlsx": _xlsx,
     "NetCDF": _netcdf,
@@ -398,3 +479,4 @@ _READERS: Mapping[str, Callable[[Path], Any]] = {
     "ROS bag": _bag,
 }
 _IN_C = ("NetCDF", "MAT", "MAT 7.3", "ROS bag")  # kinds that a process of its own reads
+_IN_BLOCKS = ("Parquet", "NetCDF")  # kinds of which a part is in memory at a time

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from itertools import accumulate, batched, chain, pairwise
+from itertools import accumulate, batched, chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -89,9 +89,9 @@ def text_rows(blocks: Iterable[list[str]], n_lines: int, layout: TrialFormat, pa
     lines = next(blocks)
     content, comments = _content(lines, layout.skip_rows)
     header, content = _header(lines, content, layout, path)
-    n_rows = content.size if whole else n_lines
+    n_rows = (content.size if whole else n_lines) - len(header.heads)
     every = rows_for_one(n_rows, len(header.below), whole)
-    check_size(path, [n_rows // every] * len(header.below))
+    check_size(path, [n_rows] * len(header.below), every)
     first = _rows_of(lines, content[len(header.heads) :], 1, header)
     headings = _headings(header.line, header.delimiter, max(len(header.below), np.abs(first.widths).max(initial=0)))
     units = [cell.strip(AROUND_UNITS) for cell in header.below] if len(header.heads) > 1 else []
@@ -159,16 +159,16 @@ def _whole_rows(
     """
     texts: list[str] = []
     numbers, rows, counts, broken = np.zeros(0, dtype=int), 0, Counter[str](), []
-    for part, following in pairwise(chain(parts, [None])):
+    for part, is_last in _with_last(parts):
         widths = part.widths[part.widths > 0]
         counts.update(header=part.repeated, empty=int((part.widths < 0).sum()))
-        if following is None and widths.size and widths[-1] < n:
+        if is_last and widths.size and widths[-1] < n:
             last = f"Line {part.lines[-1]}, the last, left out: it breaks off after {widths[-1]} of {n} columns."
             part, widths, broken = part._replace(texts=part.texts[:-1], lines=part.lines[:-1]), widths[:-1], [last]
         _check_widths(part, widths, n, delimiter, path)
         texts, numbers = [*texts, *part.texts], np.append(numbers, part.lines)
         rows += len(part.texts)
-        if following is None and rows // every < 2:
+        if is_last and rows // every < 2:
             raise TrialError(f"{path}: a trial has a header and at least two rows, found {rows} complete; check it.")
         size = len(texts) // every * every
         if size:
@@ -178,6 +178,16 @@ def _whole_rows(
     notes += [f"The header is repeated {again} times: these lines left out."] if again else []
     notes += [f"{empty} empty rows left out."] if empty else []
     notes += [*broken, *([thinning_note(rows, every)] if every > 1 else [])]
+
+
+def _with_last(parts: Iterable[_Rows]) -> Iterator[tuple[_Rows, bool]]:
+    """Parts, and whether each is the last."""
+    parts = iter(parts)
+    part = next(parts)
+    for following in parts:
+        yield part, False
+        part = following
+    yield part, True
 
 
 def _check_widths(part: _Rows, widths: np.ndarray, n: int, delimiter: str, path: Path) -> None:

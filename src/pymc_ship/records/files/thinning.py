@@ -15,7 +15,10 @@ from pymc_ship.trial.channels import TIME
 MOST_ROWS = 1_000_000
 """Rows of a record that are not thinned: 28 hours at 10 Hz, of ships that move in seconds."""
 
-_MOST_CELLS, _MOST_THINNED = 24_000_000, 8_000_000  # of a table, unless it is thinned, and after
+MOST_CELLS = 24_000_000
+"""Cells of a table that is not thinned."""
+
+_MOST_THINNED = 8_000_000  # cells of a table that is thinned
 _TURNING = ("psi", "cog", "wind_direction", "longitude")  # channels that jump by a whole turn
 _LARGEST = 1e30  # numbers from here up count as missing
 
@@ -30,7 +33,7 @@ class Thinning(NamedTuple):
 
 def thinning(headings: Sequence[str], chosen: Mapping[str, Mapping[str, Any]], every: int) -> Thinning:
     """Thinning of a table with these headings; ``chosen`` are the columns of a format by channel."""
-    named = {name: entry["column"] for name, entry in chosen.items()}
+    named = {name: entry["column"].strip() for name, entry in chosen.items()}
 
     def columns_of(*names: str) -> set[int]:
         stated = {named[name] for name in names if name in named}
@@ -45,7 +48,7 @@ def rows_for_one(rows: int, columns: int, whole: bool = True) -> int:
 
     ``whole``: whether the file is small enough to be in memory as a whole.
     """
-    if whole and rows <= MOST_ROWS and rows * columns <= _MOST_CELLS:
+    if whole and rows <= MOST_ROWS and rows * columns <= MOST_CELLS:
         return 1
     least = max(-(-rows // MOST_ROWS), -(-rows * columns // _MOST_THINNED))
     return least + 1 - least % 2
