@@ -86,6 +86,7 @@ TESTED_BY = {
     "records.checks.verdicts": "records/checks/test_trial_checks.py: verdicts of all checks",
     "records.denoising.wavelet_posterior": "records/denoising/test_draws.py: draws of the coefficients",
     "records.denoising.spike_and_slab": "records/denoising/test_ebayes.py: against published values",
+    "records.files.text_rows": "records/files/test_reading.py: text of every layout",
     "replication.tables": "replication/test_study.py: tables of the study",
     "ships.design.outlook": "ships/design/test_next_run.py: expected widths",
     "ships.ensemble.index_table": "ships/identification/test_score_page.py: the table on its page",

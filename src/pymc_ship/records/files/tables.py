@@ -188,7 +188,7 @@ def _parquet(path: Path, chosen: Chosen) -> Table:
     schema = parquet.read_schema(path)
     texts = [field.name for field in schema if types.is_string(field.type) or types.is_large_string(field.type)]
     names = [field.name for field in schema if not types.is_nested(field.type)]
-    with parquet.ParquetFile(path, read_dictionary=texts, buffer_size=_BUFFER) as file:
+    with parquet.ParquetFile(path, read_dictionary=texts, buffer_size=_BUFFER, pre_buffer=False) as file:
         size = sum(file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups))
         rows = file.metadata.num_rows
         plan = thinning(names, chosen, rows_for_one(rows, len(names), size <= _MOST_UNPACKED))
