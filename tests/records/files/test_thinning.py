@@ -134,7 +134,7 @@ def test_a_vibration_above_the_sampling_is_damped_and_not_folded(few_rows, tmp_p
 
 def test_a_wrong_cell_and_a_short_row_are_refused_with_their_line(few_rows, tmp_path):
     lines = motion(ROWS).to_csv(index=False).splitlines()
-    for row, sentence in {"40.0,x,1,1,1": "'x'", "40.0,1,1": "line 5001"}.items():
+    for row, sentence in {"40.0,x,1,1,1": "'x'", "40.0,1,1": "5001"}.items():
         (tmp_path / "run.csv").write_text("\n".join([*lines[:5000], row, *lines[5000:]]))
         with refused(TrialError, sentence):
             ps.read_trial(tmp_path / "run.csv")
