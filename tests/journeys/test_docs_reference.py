@@ -130,7 +130,7 @@ def test_the_page_of_the_checks_has_every_check_and_its_numbers(container, zigza
 
 
 def test_verdicts_of_the_page_are_those_of_the_checks():
-    from pymc_ship.records.files.quality_flags import VERDICTS
+    from pymc_ship.trial.quality_flags import VERDICTS
 
     assert tuple(row[0] for row in rows(Page("docs/reference/checks.md"), 0)) == VERDICTS
 

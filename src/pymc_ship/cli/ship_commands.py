@@ -37,10 +37,10 @@ from pymc_ship.physics.vessel.term_sets import supports_part_sets, valid_at_any_
 from pymc_ship.physics.vessel.vessel import Vessel, check_same_vessel
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.format import load_format
-from pymc_ship.records.files.quality_flags import ground_remarks, quality_remarks
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.ships.ensemble.files import FOLDER, load_ship, save_ship
 from pymc_ship.ships.ensemble.ship import Ship
+from pymc_ship.trial.quality_flags import ground_remarks, quality_remarks
 
 _DESIGN_DRAWS = 400  # draws of a posterior that a design simulates
 

@@ -26,7 +26,7 @@ from pymc_ship.inference.trajectory.posterior import (
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.inference.trajectory.scale_law import FACTOR_SD
-from pymc_ship.records.files.quality_flags import quality_flags
+from pymc_ship.trial.quality_flags import quality_flags
 from tests.ships.ensemble.cases import posterior_forecast
 
 CASES = {

@@ -11,8 +11,8 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.records.checks.trial_checks import check_table, failed_checks
 from pymc_ship.records.checks.verdicts import Check
-from pymc_ship.records.files.quality_flags import VERDICTS
 from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.quality_flags import VERDICTS
 from tests.records.checks.cases import alarms, changed, checks_by_name, lever, noisy, offset, simulated, units
 
 # without a fault

@@ -18,7 +18,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.columns import Column
 from pymc_ship.records.files.format import TrialFormat, load_format
 from pymc_ship.records.files.reading import TextTable, table_cells, text_table
-from pymc_ship.records.files.thinning import MOST_CELLS, MOST_ROWS
+from pymc_ship.trial.thinning import MOST_CELLS, MOST_ROWS
 from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, RADIAN_PER_SECOND, REVOLUTION_PER_SECOND
 
 FORCE_DOFS = {"X": "surge", "Y": "sway", "N": "yaw"}  # degree of freedom of each force

@@ -13,8 +13,8 @@ import xarray as xr
 from pymc_ship.records.checks.mistakes import SIGNS, corrected_by
 from pymc_ship.records.checks.plausibility import DRIFT
 from pymc_ship.records.checks.verdicts import SLOW
-from pymc_ship.records.files.quality_flags import quality_flags, worst_verdict
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, Blocks
+from pymc_ship.trial.quality_flags import quality_flags, worst_verdict
 from pymc_ship.trial.record import Channels, sampling_interval, second_difference_sd
 
 SAME = 0.02  # rms difference over the standard deviation of a channel below which, beside noise, motions are the same

@@ -27,10 +27,10 @@ from pymc_ship.records.checks.lag import (
 from pymc_ship.records.checks.mistakes import COURSE, changed
 from pymc_ship.records.checks.revolutions_and_wind import from_first_course_text, revolutions_check, wind_check
 from pymc_ship.records.checks.verdicts import Check, not_checked
-from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
 from pymc_ship.records.files.ship_scale import ship_scale
 from pymc_ship.records.steering.stopping_tests import stopping_order
 from pymc_ship.trial.channels import SIMULATED, channel_names
+from pymc_ship.trial.quality_flags import with_quality_flags, worst_verdict
 from pymc_ship.trial.record import as_trial, check_trial
 
 _LARGEST = 1e12

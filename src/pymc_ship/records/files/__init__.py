@@ -6,10 +6,10 @@
 - `clock`: stamps of any usual clock as seconds.
 - `interpolation`: channels of different sensors on one time base.
 - `time_base`: uniform time from the stamps of a logger.
-- `tables`: Parquet, xlsx, NetCDF and MAT files, bags of ROS and logs of NMEA 0183 as tables.
+- `tables`: Parquet, xlsx, NetCDF and MAT files and bags of ROS as tables.
+- `text_rows`: lines of a text file, and logs of NMEA 0183, as tables.
 - `ship_scale`: length and speed of the ship in a record, block means, least squares.
 - `sides`: letters of sides beside numbers, the side of a positive rudder, and the axes of a file.
 - `noise`: noise of given kinds added to a clean record.
 - `instruments`: sensors with resolution, gaps and jitter.
-- `quality_flags`: verdict and remarks of the checks, in the attrs of a record.
 """

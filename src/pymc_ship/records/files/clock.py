@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.files.columns import Column, channels_of, name_and_unit, plain_name
 from pymc_ship.trial.channels import TIME
+from pymc_ship.trial.thinning import Thinning
 
 DAY, WEEK = 86400.0, 604800.0
 _EPOCH = (1e9, 2.6e9)  # s since 1970: September 2001 to 2052
@@ -53,6 +55,7 @@ _DATE_PARTS = (
     {"sec", "secs", "second", "seconds", "ss"},
 )
 _SECONDS = _DATE_PARTS[-1]
+_TURNING = ("psi", "cog", "wind_direction", "longitude")  # channels that jump by a whole turn
 
 Channels = dict[str, np.ndarray]
 Clock = tuple[np.ndarray, np.ndarray, list[str]]  # stamps [s], their resolution [s], sentences
@@ -68,6 +71,18 @@ def fraction_columns(headings: Sequence[str]) -> dict[int, tuple[int, int]]:
             before = [index - 1] if index and not matched[1] and TIME in channels_of(headings[index - 1]) else []
             found |= dict.fromkeys((beside or before)[:1], (index, _DIGITS[matched[2]]))
     return found
+
+
+def thinning(headings: Sequence[str], chosen: Mapping[str, Mapping[str, Any]], every: int) -> Thinning:
+    """Thinning of a table with these headings; ``chosen`` are the columns of a format by channel."""
+    named = {name: entry["column"].strip() for name, entry in chosen.items()}
+
+    def columns_of(*names: str) -> set[int]:
+        stated = {named[name] for name in names if name in named}
+        return {k for k, one in enumerate(headings) if one in stated or {c.name for c in channels_of(one)} & {*names}}
+
+    parts = {*date_columns(headings)}.union(*((k, more) for k, (more, _) in fraction_columns(headings).items()))
+    return Thinning(every, frozenset(parts | columns_of(TIME.name)), frozenset(columns_of(*_TURNING)))
 
 
 def with_fraction(stamp: str, fraction: str, digits: int) -> str:

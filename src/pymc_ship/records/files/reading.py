@@ -46,7 +46,6 @@ from pymc_ship.records.files.format import (
     with_true_wind,
 )
 from pymc_ship.records.files.interpolation import brought_together, undelayed
-from pymc_ship.records.files.nmea import nmea_columns
 from pymc_ship.records.files.sides import (
     FOUND,
     bare_numbers,
@@ -68,10 +67,10 @@ from pymc_ship.records.files.text_rows import (
     is_number,
     is_unit_row,
     line_blocks,
+    nmea_columns,
     plain_heading,
     text_rows,
 )
-from pymc_ship.records.files.thinning import MOST_ROWS
 from pymc_ship.records.files.time_base import Regular, in_order, regular, rounding
 from pymc_ship.trial.cells import (
     MISSING_CELLS,
@@ -87,6 +86,7 @@ from pymc_ship.trial.cells import (
 )
 from pymc_ship.trial.channels import CHANNELS, TIME
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
+from pymc_ship.trial.thinning import MOST_ROWS
 
 _LONGEST_STAMP = 40  # letters
 _FIRST_LINES = 200  # that may come before the rows, and by which a long log is known

@@ -20,17 +20,11 @@ import scipy
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import MOST_BLOCKS, MOST_BYTES
+from pymc_ship.records.files.clock import thinning
 from pymc_ship.records.files.columns import channels_of
-from pymc_ship.records.files.thinning import (
-    MOST_CELLS,
-    Thinning,
-    kept_rows,
-    rows_for_one,
-    thinning,
-    thinning_note,
-)
 from pymc_ship.trial.cells import Cells, Numbers, cells_of, plain_text
 from pymc_ship.trial.channels import TIME
+from pymc_ship.trial.thinning import MOST_CELLS, Thinning, kept_rows, rows_for_one, thinning_note
 
 _CHILD = "import sys; from pymc_ship.records.files.tables import send_columns; send_columns(*sys.argv[1:])"
 _LONGEST = 30.0  # s of the processor, for a file that a process of its own reads

@@ -17,7 +17,6 @@ from pymc_ship.physics.manoeuvre.indices import needs_roll
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.files.quality_flags import ground_remarks, quality_remarks
 from pymc_ship.records.steering.measured import measured_indices, wind_off_bow
 from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, error_rows
 from pymc_ship.ships.ensemble.scores import BANDS
@@ -29,6 +28,7 @@ from pymc_ship.ships.forecasting.forecast import NO_ROLL, has_roll
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence
 from pymc_ship.ships.forecasting.stopping import COLUMNS as STOPPING_COLUMNS
 from pymc_ship.ships.forecasting.stopping import stopping_rows, stopping_sentence, stopping_tracks
+from pymc_ship.trial.quality_flags import ground_remarks, quality_remarks
 from pymc_ship.trial.record import named_trials
 
 PAGE = Page(  # its folder may hold the page of the ship, too

@@ -25,7 +25,6 @@ from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
 from pymc_ship.records.checks.run_set import contradicting_runs, cut_runs, repeated_runs
-from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
@@ -51,6 +50,7 @@ from pymc_ship.ships.identification.open_loop import (
     replay_noise_sd,
     simulate_open_loop,
 )
+from pymc_ship.trial.quality_flags import quality_flags
 from pymc_ship.trial.record import facility_of, run_names, sampling_interval, trial_list
 
 _REPLAYS = 40  # draws of a replay of a held-out run

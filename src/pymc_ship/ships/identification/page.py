@@ -22,7 +22,6 @@ from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.physics.vessel.term_sets import PART_SETS, TERM_SETS
 from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, most_dofs
 from pymc_ship.records.checks.verdicts import Check
-from pymc_ship.records.files.quality_flags import worst_verdict
 from pymc_ship.ships.ensemble.index_error import error_rows
 from pymc_ship.ships.forecasting.figures import overview
 from pymc_ship.ships.forecasting.force_curves import force_curves
@@ -47,6 +46,7 @@ from pymc_ship.ships.identification.opening import (
     opening_sentences,
 )
 from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.quality_flags import worst_verdict
 from pymc_ship.trial.record import named_trials, sampling_interval
 from pymc_ship.trial.units import Unit
 

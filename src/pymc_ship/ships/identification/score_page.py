@@ -11,11 +11,11 @@ from pymc_ship.machine.arguments import check_counts, check_kind
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import fixed_point, heads, number, table
-from pymc_ship.records.files.quality_flags import ground_remarks, quality_remarks
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 from pymc_ship.ships.identification.figures import channel_panels
 from pymc_ship.ships.identification.replay import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.quality_flags import ground_remarks, quality_remarks
 from pymc_ship.trial.record import named_trials
 
 PAGE = Page(

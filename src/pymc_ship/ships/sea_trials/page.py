@@ -6,9 +6,9 @@ from pymc_ship.machine.arguments import check_kind
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import at_least, fixed_point, heads, number, table
-from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.ships.sea_trials.figures import circles, spirals, swings
 from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
+from pymc_ship.trial.quality_flags import quality_remarks
 
 PAGE = Page(  # its folder may hold the page of an identification, too
     "sea_trial.html",

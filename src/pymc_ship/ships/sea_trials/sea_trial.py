@@ -18,7 +18,6 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.revolutions_and_wind import from_first_course_text
 from pymc_ship.records.checks.run_set import contradicting_runs, repeated_runs
-from pymc_ship.records.files.quality_flags import quality_remarks
 from pymc_ship.records.files.sides import mirror_remarks
 from pymc_ship.records.steering.current import DriftCurrent, drift_current, ground_speed_text, logged_drift
 from pymc_ship.records.steering.measured import order_delay, order_sentence
@@ -37,6 +36,7 @@ from pymc_ship.ships.sea_trials.corrections import (
 from pymc_ship.ships.sea_trials.form import form_rows, ship_rows
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
 from pymc_ship.ships.sea_trials.uncertainty import uncertainty_budget
+from pymc_ship.trial.quality_flags import quality_remarks
 from pymc_ship.trial.record import facility_of, numbered_trials, run_names
 
 _OTHER_CURRENT = 0.7  # difference of two drifts over one of them, from which they are not of one current

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pymc_ship as ps
-from pymc_ship.records.files.quality_flags import quality_flags, quality_remarks, with_quality_flags
+from pymc_ship.trial.quality_flags import quality_flags, quality_remarks, with_quality_flags
 
 
 def test_doubts_of_a_fit_are_none_of_a_measured_number():

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from pymc_ship.records.files.clock import date_columns, fraction_columns
-from pymc_ship.records.files.columns import channels_of
 from pymc_ship.trial.cells import MISSING_CELLS, Cells, Numbers, cell_numbers
-from pymc_ship.trial.channels import TIME
 
 MOST_ROWS = 400_000
 """Rows of a record that are not thinned: 11 hours at 10 Hz, whose check takes 1 GB. Ships move in seconds."""
@@ -19,7 +16,6 @@ MOST_CELLS = 24_000_000
 """Cells of a table that is not thinned."""
 
 _MOST_THINNED = 8_000_000  # cells of a table that is thinned
-_TURNING = ("psi", "cog", "wind_direction", "longitude")  # channels that jump by a whole turn
 _LARGEST = 1e30  # numbers from here up count as missing
 
 
@@ -29,18 +25,6 @@ class Thinning(NamedTuple):
     every: int
     clocks: frozenset[int]
     turning: frozenset[int]
-
-
-def thinning(headings: Sequence[str], chosen: Mapping[str, Mapping[str, Any]], every: int) -> Thinning:
-    """Thinning of a table with these headings; ``chosen`` are the columns of a format by channel."""
-    named = {name: entry["column"].strip() for name, entry in chosen.items()}
-
-    def columns_of(*names: str) -> set[int]:
-        stated = {named[name] for name in names if name in named}
-        return {k for k, one in enumerate(headings) if one in stated or {c.name for c in channels_of(one)} & {*names}}
-
-    parts = {*date_columns(headings)}.union(*((k, more) for k, (more, _) in fraction_columns(headings).items()))
-    return Thinning(every, frozenset(parts | columns_of(TIME.name)), frozenset(columns_of(*_TURNING)))
 
 
 def rows_for_one(rows: int, columns: int, whole: bool = True) -> int:

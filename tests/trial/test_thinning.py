@@ -10,9 +10,10 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.machine import text
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.records.files import reading, thinning
-from pymc_ship.records.files.thinning import Thinning, kept_rows, rows_for_one, thinned
+from pymc_ship.records.files import reading
+from pymc_ship.trial import thinning
 from pymc_ship.trial.cells import Numbers
+from pymc_ship.trial.thinning import Thinning, kept_rows, rows_for_one, thinned
 from tests.sentences import refused
 
 ROWS, EVERY = 9_003, 5
