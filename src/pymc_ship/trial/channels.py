@@ -86,16 +86,16 @@ _HEADINGS = {  # other names of each channel in files
         "t, elapsed time, timestamp, time stamp, datetime, date time, date/time, utc, utc time, time utc, "
         "date/time utc, gps time, local time, sec, secs, seconds, stamp sec, stamp secs, elapsed, time since start, "
         "date and time, date & time, time of day, clock, clock time, header stamp sec, header stamp secs, "
-        "field header stamp secs"
+        "field header stamp secs, date"
     ),
     "u": (
-        "stw, speed through water, water speed, log speed, u velo, surge, surge velocity, surge speed, "
-        "longitudinal velocity, longitudinal speed, linear x"
+        "stw, speed through water, water speed, log speed, speed log, speedlog, u velo, surge, surge velocity, "
+        "surge speed, longitudinal velocity, longitudinal speed, linear x"
     ),
     "v": "vm velo, sway, sway velocity, sway speed, transverse velocity, transverse speed, lateral velocity, linear y",
     "r": (
         "turn rate, r angvelo, yaw rate, yawrate, yaw velocity, rate of turn, rot, yaw, heading rate, angular z, "
-        "angular velocity z"
+        "angular velocity z, psi dot, psidot"
     ),
     "p": "roll rate, rollrate, roll velocity, roll, angular x, angular velocity x",
     "phi": "roll, roll angle, heel, heel angle, φ",
@@ -105,7 +105,10 @@ _HEADINGS = {  # other names of each channel in files
     ),
     "x": "x position mid, x position, x pos, north, northing, position x",
     "y": "y position mid, y position, y pos, east, easting, position y",
-    "delta": "rsa, actual rudder, delta rudder, rudder, rudder angle, δ",
+    "delta": (
+        "rsa, actual rudder, delta rudder, rudder, rudder angle, actual rudder angle, rudder angle actual, "
+        "rudder feedback, rudder response, rudder position, rud, δ"
+    ),
     "n": "n prop, rpm, rps, propeller, shaft, revs, revolutions, propeller speed, shaft speed",
     "thrust": "propeller thrust",
     "torque": "propeller torque, shaft torque",

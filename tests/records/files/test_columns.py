@@ -76,6 +76,12 @@ def matched(*headings, units=None, **chosen):
         ("heading [gon]", "psi", 0.9 * DEG),
         ("yaw rate [0.1 deg/s]", "r", 0.1 * DEG),
         ("ROT [0.1 deg/min]", "r", DEG / 600.0),
+        ("psi_dot [deg/s]", "r", DEG),
+        ("Speed Log [kn]", "u", KNOT),
+        ("SpeedLog(kts)", "u", KNOT),
+        ("Rudder feedback [deg]", "delta", DEG),
+        ("Rudder Position (deg)", "delta", DEG),
+        ("RUD [deg]", "delta", DEG),
     ],
 )
 def test_a_heading_is_understood(heading, channel, factor):
@@ -260,6 +266,21 @@ def test_a_heading_that_may_be_a_channel_has_a_remark(heading, words):
     assert "did you mean" not in notes[-1]
     _, notes = matched("psi [deg]", "STW [kn]", "delta [deg]", heading)
     assert notes[-1].endswith(f"left out: {heading}.")
+
+
+def test_a_date_is_the_clock_where_no_other_column_is():
+    def clock(*headings):
+        return matched_columns(headings, [""] * len(headings), {}, "run.csv")[0]["time"].heading
+
+    assert clock("psi [deg]", "Date") == "Date"
+    assert clock("Date", "UTC", "psi [deg]") == "UTC"
+
+
+def test_a_file_without_time_is_not_asked_about_another_channel():
+    for headings, asked in ((("Zeit", "Ruder [deg]", "psi"), False), (("tyme", "psi"), True)):
+        with refused(TrialError, "time") as caught:
+            matched_columns(headings, [""] * len(headings), {}, "run.csv")
+        assert ("did you mean" in str(caught.value)) == asked
 
 
 def test_a_v_without_u_may_be_the_speed_of_the_ship():

@@ -274,9 +274,11 @@ def matched_columns(
     hints = {heading: nearest_heading(heading, matched) for heading in left_out}
     if "time" not in matched or len(matched) < 2:
         lacking = "time" if "time" not in matched else f"any of {', '.join(CHANNELS)}"
+        clocks = (did_you_mean(name_and_unit(heading)[0], (TIME.name, *TIME.headings)) for heading in left_out)
+        near = next(filter(None, clocks if lacking == "time" else hints.values()), "")
         raise TrialError(
             f"{where}: columns are time and any of {', '.join(CHANNELS)}, found {', '.join(headings)!r} "
-            f"without {lacking}{next(filter(None, hints.values()), '')}; rename one or name it in a format file."
+            f"without {lacking}{near}; rename one or name it in a format file."
         )
     ordered = {name: matched[name] for name in quantities() if name in matched}
     return ordered, _reading_notes(ordered, [f"{heading}{hint}" for heading, hint in hints.items()])
