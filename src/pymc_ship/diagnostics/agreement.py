@@ -1,7 +1,5 @@
 """z-scores of draws against the exact posterior, with one limit for all comparisons."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Figures of the diagnostic page."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -210,7 +208,7 @@ def _draw_dof_lines(ax: Axes, dofs: np.ndarray) -> None:
 
 
 @house_style
-def pareto_k(loo: ELPDData) -> Figure:
+def pareto_k(loo: "ELPDData") -> Figure:
     """Pareto k of every row with the limit of ArviZ."""
     fig, axes = subplots(8.0, 2.8)
     k = np.ravel(loo.pareto_k.values)

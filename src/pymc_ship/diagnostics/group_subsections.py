@@ -1,7 +1,5 @@
 """Subsection on the differences between the groups of a hierarchical posterior."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

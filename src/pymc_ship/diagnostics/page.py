@@ -1,7 +1,5 @@
 """The diagnostic page of posteriors: an overview, then a section for each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 

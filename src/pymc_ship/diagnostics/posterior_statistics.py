@@ -1,7 +1,5 @@
 """Statistics of any posterior: convergence, correlation, whiteness, cross-validation, sensitivity to the prior."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -190,7 +188,7 @@ def whiteness(values: np.ndarray) -> dict[str, float]:
     return {"r1": float(r[0]), "lags": lags, "statistic": statistic, "p_value": p_value, "band": 1.96 / np.sqrt(n)}
 
 
-def cross_validation(tree: xr.DataTree) -> ELPDData:
+def cross_validation(tree: xr.DataTree) -> "ELPDData":
     """PSIS leave-one-out cross-validation of ArviZ, pointwise; needs the group log_likelihood."""
     import arviz as az
 

@@ -1,7 +1,5 @@
 """Contraction, directions, residuals and predictive draws of the posterior of a regression."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -210,7 +208,7 @@ def residuals(tree: xr.DataTree) -> xr.DataArray:
     return xr.DataArray(data.response - fitted, {"time": ("row", data.time)}, ("row",)).isel(row=data.order)
 
 
-def loo_pit(tree: xr.DataTree, loo: ELPDData) -> xr.Dataset:
+def loo_pit(tree: xr.DataTree, loo: "ELPDData") -> xr.Dataset:
     """Leave-one-out probability integral transform of the ``response`` (row); needs posterior_predictive.
 
     ``loo`` is the cross-validation of the same posterior.

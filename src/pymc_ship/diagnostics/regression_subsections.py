@@ -1,7 +1,5 @@
 """Subsections on a regression: statistics of the first method, chains of the sampler."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kinds of posterior, and the subsections of the diagnostic page that they share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -58,7 +56,7 @@ class PosteriorKind:
     coefficient_names: Callable[[Vessel, xr.DataTree], list[str]]  # in order
     verdict: Callable[[Comparison], list[str]]  # sentences at the head
     origin: Callable[[Comparison], str]  # sentence on the origin of the draws
-    subsections: Callable[[Comparison, Vessel | None, np.random.Generator], list[Subsection]]  # in order
+    subsections: Callable[[Comparison, Vessel | None, np.random.Generator], list["Subsection"]]  # in order
     contraction: Callable[[xr.DataTree], xr.Dataset | None] = lambda _: None  # None where prior or data are missing
     defaults: str = ""  # limits of such a section, beyond those of all sections
     sources: tuple[str, ...] = ()  # literature, likewise
@@ -165,12 +163,12 @@ def correlation_subsection(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Subse
     return Subsection(title, "", [strongest], images)
 
 
-def pareto_image(loo: ELPDData, unit: str) -> tuple[str, Figure, str]:
+def pareto_image(loo: "ELPDData", unit: str) -> tuple[str, Figure, str]:
     """Pareto k of every row or block of a leave-one-out cross-validation."""
     return "pareto", figures.pareto_k(loo), f"Pareto k of every {unit}; dashed: limit {loo.good_k:.2f}."
 
 
-def loo_sentences(loo: ELPDData, unit: str, digits: int) -> str:
+def loo_sentences(loo: "ELPDData", unit: str, digits: int) -> str:
     """The elpd, in so many digits, and how many rows or blocks have too large a Pareto k."""
     k, n = np.ravel(loo.pareto_k.values), number(3)
     worst = int(np.argmax(k))

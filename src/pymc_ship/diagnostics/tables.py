@@ -1,7 +1,5 @@
 """Tables of a diagnosed posterior: agreement of methods, coefficients, chains and sensitivities."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Contraction, directions and residuals by channel of a trajectory fit."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

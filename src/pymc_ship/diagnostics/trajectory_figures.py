@@ -1,7 +1,5 @@
 """Figures of a posterior of whole trajectories."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import matplotlib

@@ -1,7 +1,5 @@
 """Subsections on a trajectory fit."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 

@@ -10,9 +10,9 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -25,7 +25,7 @@ from pymc_ship.machine.files import staged_path, writable_folder
 _BEGIN, _TIMED = ("seed", "status", "sentence"), ("cpu", "session", "executor", "workers", "wall", "parent")
 _TYPES = {"status": pa.string(), "sentence": pa.string(), "executor": pa.string()}
 _TYPES |= dict.fromkeys(("seed", "session", "workers"), pa.int64())
-_OF_CELL = {"str": pa.string(), "float": pa.float64()}
+_OF_CELL = {str: pa.string(), float: pa.float64()}
 _ROWS, _SUM = 5_000, b"sha256"
 
 
@@ -145,7 +145,7 @@ class Store:
     def _writer(self, path: Path, columns: Sequence[str]) -> Iterator:
         """Function (cell, rows) that adds columns of a part, after those of its cell, to a file that is staged."""
         first, *_ = self.study.parts()
-        keys = [pa.field(one.name, _OF_CELL[str(one.type)]) for one in fields(first[0])]
+        keys = [pa.field(name, _OF_CELL[kind]) for name, kind in get_type_hints(type(first[0])).items()]
         schema, pending = pa.schema([*keys, *(self._schema.field(name) for name in columns)]), []
         with staged_path(path) as partial, pq.ParquetWriter(partial, schema, write_page_checksum=True) as writer:
 

@@ -3,8 +3,6 @@
 The noise does not depend on the method, so all methods have the same records.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

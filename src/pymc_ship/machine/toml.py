@@ -1,7 +1,5 @@
 """TOML files of vessels, trial formats and studies, checked key by key."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
@@ -25,7 +23,7 @@ class Entry:
     error: type[ValueError]
     key: str = ""  # dotted; empty for the whole file
 
-    def at(self, key: str, default: Any = None) -> Entry:
+    def at(self, key: str, default: Any = None) -> "Entry":
         """Entry of a key of this table, or of the default if the key is missing."""
         return replace(self, value=self.value.get(key, default), key=self._full_key(key))
 

@@ -1,7 +1,5 @@
 """Style of matplotlib figures, and their SVG and PNG."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

@@ -1,7 +1,5 @@
 """Pages from a template and their content, with figures and tables."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Numbers as text and as cells of tables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Measured forces of captive tests against those of prior and posterior draws: bands, table and figure."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

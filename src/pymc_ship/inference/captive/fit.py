@@ -3,8 +3,6 @@
 The noise is mostly model error, which tests at one speed and side share; the design effect corrects for that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Plausibility of captive tests: columns that were not measured, wrong units and signs, inertia of the model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 

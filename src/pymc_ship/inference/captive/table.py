@@ -1,7 +1,5 @@
 """Reading of captive tests: drift, yaw rate, rudder, speed and revolutions with the measured forces."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

@@ -4,8 +4,6 @@ In the coordinates of :mod:`pymc_ship.inference.regression.priors` the g are ind
 N(0, sigma2), a posteriori N(s z / (1 + s^2), sigma2 / (1 + s^2)).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -57,7 +55,7 @@ class ConjugatePrior(Prior):
     colour = "#1f6fb2"
     citation = "Gelman et al. (2013), Bayesian Data Analysis, 3rd ed., ch. 14, doi:10.1201/b16018"
 
-    def exact(self, data: RegressionData) -> NormalInverseGamma:
+    def exact(self, data: RegressionData) -> "NormalInverseGamma":
         """Exact posterior, Eq. 12-17 of Xue et al. (2020)."""
         check_data(data)
         warn_of_rows(data, self)

@@ -4,8 +4,6 @@ With X diag(kappa)^(1/2) = U S R', g = R' diag(kappa)^(-1/2) (b - mean) enters t
 mean). Inverse gamma densities are ~ x^(-shape-1) exp(-scale/x); the B of Xue et al. (2020) is 1 / scale.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from abc import ABC, abstractmethod
@@ -92,12 +90,12 @@ class Prior(ABC):
         return (self.family, *((value.shape, *value.ravel().tolist()) for value in values))
 
     @classmethod
-    def from_box(cls, *, shape: float, noise_variance: float, kappa: float) -> Prior:
+    def from_box(cls, *, shape: float, noise_variance: float, kappa: float) -> "Prior":
         """Prior of mean zero at a point of the box; ``noise_variance`` is scale / shape."""
         return cls(shape=shape, scale=shape * noise_variance, kappa=kappa)
 
     @abstractmethod
-    def exact(self, data: RegressionData) -> ExactPosterior:
+    def exact(self, data: RegressionData) -> "ExactPosterior":
         """Exact posterior of regression data under this prior."""
 
     def means(self, n_terms: int) -> np.ndarray:

@@ -4,8 +4,6 @@ Given sigma2 the rotated coefficients g (:mod:`~pymc_ship.inference.regression.p
 N(0, 1), a posteriori N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -50,7 +48,7 @@ class SemiConjugatePrior(Prior):
     box: ClassVar = {"shape": (0.1, 1e5), "noise_variance": (1e-8, 10.0), "kappa": (1e-6, 1e8)}
     colour = "#c8551b"
 
-    def exact(self, data: RegressionData) -> NormalMixture:
+    def exact(self, data: RegressionData) -> "NormalMixture":
         """Exact posterior of the model of Xue et al. (2020), Eq. 18-20, by quadrature over the noise variance."""
         check_data(data)
         warn_of_rows(data, self)

@@ -1,7 +1,5 @@
 """Posterior tree of a custom PyMC model."""
 
-from __future__ import annotations
-
 import logging
 from typing import TYPE_CHECKING
 
@@ -29,7 +27,7 @@ _COPIED_GROUPS = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
 def posterior_tree(
     sampled: xr.DataTree,
     data: RegressionData,
-    model: pm.Model | None = None,
+    model: "pm.Model | None" = None,
     *,
     prior: Prior | None = None,
     rng: Seed | None = None,
@@ -184,7 +182,7 @@ def _check_design(found: np.ndarray, data: RegressionData) -> None:
 
 
 def _from_model(
-    groups: dict[str, xr.Dataset], model: pm.Model, data: RegressionData, seed: int
+    groups: dict[str, xr.Dataset], model: "pm.Model", data: RegressionData, seed: int
 ) -> dict[str, xr.Dataset]:
     import pymc as pm
 

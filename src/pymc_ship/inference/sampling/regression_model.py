@@ -4,8 +4,6 @@ With normal errors nutpie samples a density that equals the model's (:mod:`.whit
 both in whitened coordinates, on which the posterior does not depend.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -39,7 +37,7 @@ _NUTPIE_NAMES = {"logp": "lp", "depth": "tree_depth", "mean_tree_accept": "accep
 _NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
 
 
-def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Callable = "normal") -> pm.Model:
+def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Callable = "normal") -> "pm.Model":
     """PyMC model of the regression.
 
     Its log density is that of prior and original response.
@@ -245,7 +243,9 @@ def _groups(sampled: xr.DataTree, settings: dict, sampler: str) -> xr.DataTree:
     return xr.DataTree.from_dict({"posterior": sampled["posterior"].to_dataset(), "sample_stats": statistics})
 
 
-def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sampler: str | None = None) -> xr.DataTree:
+def sample_model(
+    model: "pm.Model", settings: dict, seed: int, progress: bool, sampler: str | None = None
+) -> xr.DataTree:
     """Posterior and sample_stats of a PyMC model by NUTS; ``settings``: draws, chains, tune, target_accept, cores."""
     import pymc as pm
 

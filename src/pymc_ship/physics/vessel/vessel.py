@@ -1,7 +1,5 @@
 """A vessel as data: particulars, inertia, the terms of each force and their reference coefficients."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -165,7 +163,7 @@ class Vessel:
         """Published errors [%] of these estimates, shape (n_terms,); NaN if not published."""
         return np.array([coefficient.published_error.get(which, np.nan) for coefficient in self._force(dof)])
 
-    def with_coefficients(self, values: dict[str, np.ndarray]) -> Vessel:
+    def with_coefficients(self, values: dict[str, np.ndarray]) -> "Vessel":
         """Copy with other values of coefficients, such as ``{"sway": array of shape (n_terms,)}``."""
         forces = dict(self.forces)
         for dof, row in values.items():

@@ -1,7 +1,5 @@
 """Checks of excitation: straight and steady approach, ranges of the motion, terms above the noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -3,8 +3,6 @@
 Both sides are integrated and averaged over blocks; their increments between blocks are regressed on each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Lag of velocities, heading or track behind each other, distinguished from a lever arm, and its correction."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A mistake is an entry of :data:`MISTAKES`: its words, its correction and the for
 explanation tries every entry of the channels in question, and every pair, and judges the record that each one leaves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -3,8 +3,6 @@
 Ranges have no dimension. Where a quantity leaves its range, the known mistake that brings all back is named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 

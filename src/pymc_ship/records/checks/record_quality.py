@@ -1,7 +1,5 @@
 """Checks of a record as such: sampling, noise, resolution, spikes, jumps, frozen channels, wraps, signs, gaps."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 import xarray as xr

@@ -1,7 +1,5 @@
 """Checks of revolutions, against the propeller, and of the wind, true or relative."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

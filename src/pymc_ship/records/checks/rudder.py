@@ -1,7 +1,5 @@
 """Checks of the rudder record: unit, sign, zero, angle, rate and delay."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs of one ship against each other: a motion given twice, a run cut in two, and one that contradicts the others."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations

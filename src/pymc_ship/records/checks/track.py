@@ -3,8 +3,6 @@
 x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi, over blocks as in :mod:`.kinematics`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

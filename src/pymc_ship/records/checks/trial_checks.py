@@ -1,7 +1,5 @@
 """Check a trial before it is fitted, and correct what is certain; each check builds on the corrections before it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import partial

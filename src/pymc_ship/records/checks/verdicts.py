@@ -1,7 +1,5 @@
 """Outcome of a check: verdict, numbers, sentence; and pieces of a record."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

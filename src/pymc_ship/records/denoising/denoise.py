@@ -1,7 +1,5 @@
 """Denoising of a signal and of a trial, by empirical-Bayes thresholding of wavelets or by a smoother."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from inspect import signature
 from typing import Any

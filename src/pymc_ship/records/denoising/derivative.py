@@ -1,7 +1,5 @@
 """Derivatives of sampled signals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

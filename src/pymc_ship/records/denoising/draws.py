@@ -1,7 +1,5 @@
 """Posterior draws of a denoised signal and of a denoised trial."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

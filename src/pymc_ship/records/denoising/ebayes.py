@@ -4,8 +4,6 @@ A mean is 0 with probability 1 - w, else Laplace, (a/2) exp(-a|u|), or quasi-Cau
 likelihood. Ann. Statist. 32(4):1594, doi:10.1214/009053604000000030; J. Stat. Softw. 12(8), doi:10.18637/jss.v012.i08.
 """
 
-from __future__ import annotations
-
 import math
 from contextlib import nullcontext
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Filters: least n RSS / (n - tr H)^2, H the smoother matrix (Craven & Wahba 1979, doi:10.1007/BF01404567).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 s = max(x - a, 0)^2/2, R(z) = Phi(z)/phi(z), M the Mills ratio: exp(-s) R(x - a) and exp(-s) M(x + a) are bounded.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

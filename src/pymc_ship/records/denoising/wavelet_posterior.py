@@ -1,7 +1,5 @@
 """Spike-and-slab posterior of the wavelet coefficients of a signal: point estimates and draws."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Stationary and decimated wavelet transforms of a finite signal, and its extension past its ends."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whether a manoeuvre begins at a steady speed and course, as a standard one must."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -4,8 +4,6 @@ In a steady turn the displacement over a full round is that of the water and of 
 (IMO MSC/Circ.1053, 3.4.2.5).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

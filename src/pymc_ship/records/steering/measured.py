@@ -1,7 +1,5 @@
 """Measured manoeuvre from its first execute on, and its indices."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

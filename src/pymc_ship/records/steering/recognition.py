@@ -3,8 +3,6 @@
 Each reversal of a zigzag: |heading at the begin| = H + delay |r|, a whole number H [deg] per run, one delay per ship.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The stopping test in a record: the propeller goes astern until the ship is dead in the water (IMO MSC.137(76))."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

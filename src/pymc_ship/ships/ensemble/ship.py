@@ -1,7 +1,5 @@
 """The ship: posterior draws of several weighted models, with the distributions of the model error."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -85,7 +83,7 @@ class Ship:
         draws: int = 300,
         rng: Seed,
         noise_sd: Mapping[str, float] | None = None,
-    ) -> Ship:
+    ) -> "Ship":
         """Ship of the draws of a posterior.
 
         Parameters
@@ -131,7 +129,7 @@ class Ship:
         return cls((member,), motion=fitted_motion(posteriors), noise_sd=noise)
 
     @classmethod
-    def from_vessel(cls, vessel: VesselLike) -> Ship:
+    def from_vessel(cls, vessel: VesselLike) -> "Ship":
         """Ship of one draw, the coefficients of a vessel file; VesselError for a file that cannot be read."""
         vessel = as_vessel(vessel)
         values = reference_coefficients(vessel)

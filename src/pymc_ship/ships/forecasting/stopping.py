@@ -3,8 +3,6 @@
 Revolutions change linearly in time from ahead to astern; the rudder is amidships.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
@@ -54,7 +52,7 @@ class StoppingTest:
         """Short name: ``stopping test 1 1/s astern``."""
         return f"stopping test {self.astern:g} 1/s astern"
 
-    def on(self, vessel: Vessel) -> StoppingTest:
+    def on(self, vessel: Vessel) -> "StoppingTest":
         """The test with the times and speed of a vessel; SimulationError where they are not feasible."""
         return StoppingTest(self.astern, *self._times(vessel))
 
