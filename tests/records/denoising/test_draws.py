@@ -9,10 +9,10 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.records.denoising import wavelets
-from pymc_ship.records.denoising.ebayes import posterior_draw, posterior_mean, posterior_median, posterior_weight
+from pymc_ship.records.denoising.ebayes import posterior_draw, posterior_mean, posterior_median
 from pymc_ship.records.denoising.wavelet_posterior import wavelet_posterior
 from pymc_ship.trial.record import check_trial
-from tests.records.denoising.cases import SHAPES, classic
+from tests.records.denoising.cases import SHAPES, classic, posterior_weight
 from tests.sentences import refused
 
 NOMINAL = 0.9

@@ -15,19 +15,16 @@ from scipy.special import log_ndtr
 from pymc_ship.records.denoising.ebayes import (
     PRIORS,
     RULES,
-    beta_cauchy,
-    beta_laplace,
     ebayes_threshold,
     fit_prior,
     mad,
     posterior_mean,
     posterior_median,
-    posterior_weight,
     shrink,
     threshold_from_weight,
-    weight_from_threshold,
 )
 from pymc_ship.records.denoising.spike_and_slab import SCALE_BOX, condensed, fit_cauchy, fit_laplace
+from tests.records.denoising.cases import beta, posterior_weight, weight_from_threshold
 
 DATA = Path(__file__).parents[2] / "data" / "ebayes"
 TRUTH_TOLERANCE = 1e-10  # relative above 1, absolute below
@@ -62,16 +59,16 @@ def test_beta_laplace_is_true(key):
     scale = float(re.search(r"a=([\d.]+)", key)[1])
     x = column("truth_beta_laplace", "x")
     assert x.max() == 100.0  # R's cap is at x - a > 35
-    assert_true(beta_laplace(x / sdev, scale * sdev), column("truth_beta_laplace", key))
+    assert_true(beta(x / sdev, scale * sdev), column("truth_beta_laplace", key))
 
 
 def test_beta_cauchy_is_true():
-    assert_true(beta_cauchy(column("truth_beta_cauchy", "x")), column("truth_beta_cauchy", "beta"))
+    assert_true(beta(column("truth_beta_cauchy", "x")), column("truth_beta_cauchy", "beta"))
 
 
 @pytest.mark.parametrize("x", [0.0, 1e-200, 1e-9, 1e-5])
 def test_beta_cauchy_does_not_cancel_near_zero(x):
-    assert beta_cauchy(x) == pytest.approx(-0.5 + x * x / 8.0, abs=1e-16)  # R: -1
+    assert beta(x) == pytest.approx(-0.5 + x * x / 8.0, abs=1e-16)  # R: -1
 
 
 @pytest.mark.parametrize(

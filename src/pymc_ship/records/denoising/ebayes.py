@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from pymc_ship.machine.arguments import check_choice, finite_number, real_array
 from pymc_ship.machine.errors import ShipError
 from pymc_ship.records.denoising.spike_and_slab import (
-    beta_value,
     condensed,
     draw_value,
     fit_cauchy,
@@ -25,8 +24,6 @@ from pymc_ship.records.denoising.spike_and_slab import (
     median_value,
     profile,
     threshold_value,
-    weight_at_threshold,
-    weight_value,
 )
 
 PRIORS = ("laplace", "cauchy")  # densities of the means that are not zero
@@ -132,21 +129,6 @@ def shrink(
     return np.where(size > limit, values, 0.0) if rule == "hard" else np.sign(values) * np.maximum(size - limit, 0.0)
 
 
-def beta_laplace(x: ArrayLike, scale: ArrayLike = 0.5) -> np.ndarray:
-    """Ratio of the marginal densities of x under Laplace means and zero means, minus 1: beta(x) of the papers."""
-    return _evaluate(beta_value, x, _code("laplace", scale))
-
-
-def beta_cauchy(x: ArrayLike) -> np.ndarray:
-    """Ratio of the marginal densities of x under quasi-Cauchy means and zero means, minus 1."""
-    return _evaluate(beta_value, x, math.nan)
-
-
-def posterior_weight(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
-    """Posterior probability that the mean behind x is not zero; x, weight and scale are broadcast."""
-    return _evaluate(weight_value, x, _probability(weight), _code(prior, scale))
-
-
 def posterior_mean(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
     """Posterior mean of the mean behind x; x, weight and scale are broadcast."""
     return _evaluate(mean_value, x, _probability(weight), _code(prior, scale))
@@ -164,11 +146,6 @@ def posterior_draw(
     uniform = rng.random(np.shape(x))
     normal = rng.standard_normal(np.shape(x)) if prior == "cauchy" else 0.0
     return _evaluate(draw_value, x, _probability(weight), _code(prior, scale), uniform, normal)
-
-
-def weight_from_threshold(threshold: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
-    """Weight whose posterior median is zero up to the threshold (>= 0); broadcast with scale."""
-    return _evaluate(weight_at_threshold, threshold, _code(prior, scale))
 
 
 def threshold_from_weight(

@@ -147,20 +147,6 @@ def _cauchy_median_near_zero(x: float, target: float) -> float:
 
 
 @vectorize(cache=True)
-def beta_value(x: float, a: float) -> float:
-    """Ratio of slab and null marginal densities, minus one."""
-    slab, _, _, s = _densities(abs(x), a)
-    return slab * math.exp(s) - 1.0 if s < 700.0 else slab * math.exp(s - 700.0) * math.exp(700.0)
-
-
-@vectorize(cache=True)
-def weight_value(x: float, w: float, a: float) -> float:
-    """Posterior probability that the mean is not zero."""
-    slab, _, null, _ = _densities(abs(x), a)
-    return w * slab / (w * slab + (1.0 - w) * null) if w > 0.0 else 0.0
-
-
-@vectorize(cache=True)
 def mean_value(x: float, w: float, a: float) -> float:
     """Posterior mean."""
     size = abs(x)
@@ -229,13 +215,6 @@ def draw_value(x: float, w: float, a: float, uniform: float, normal: float) -> f
     return math.copysign(1.0, x) * (
         _cauchy_draw(size, uniform, normal) if math.isnan(a) else _laplace_draw(size, a, uniform)
     )
-
-
-@vectorize(cache=True)
-def weight_at_threshold(threshold: float, a: float) -> float:
-    """Prior weight whose posterior median is zero up to the threshold."""
-    _, odds, null, _ = _densities(threshold, a)
-    return null / (null + odds)
 
 
 @_jit
