@@ -103,12 +103,7 @@ def write_diagnostics(
 
 
 def diagnostic_content(
-    compared: Sequence[Comparison],
-    ship: Vessel | None,
-    *,
-    seed: int,
-    progress: Callable[[str], None],
-    back: str = "",
+    compared: Sequence[Comparison], ship: Vessel | None, *, seed: int, progress: Callable[[str], None], back: str = ""
 ) -> Content:
     """Content of the page, one section for each comparison; ``back`` is the page it belongs to."""
     images: dict[str, str] = {}

@@ -11,12 +11,7 @@ import pyarrow as pa
 from pymc_ship.experiments.task import STATUSES, Cell
 from pymc_ship.replication.scores import statistic_and_error
 
-STATISTIC = {
-    "median_error": "median",
-    "coverage": "mean",
-    "coverage_half": "mean",
-    "tactical_diameter_error": "median",
-}
+STATISTIC = {"median_error": "median", "coverage": "mean", "coverage_half": "mean", "tactical_diameter_error": "median"}
 """Statistic of each score over the seeds."""
 
 BEYOND = 1_000_000  # tasks of the study that is planned

@@ -19,12 +19,7 @@ _BLOCK = 2**23  # bytes that are text at a time
 
 LONGEST_LINE = 2**20  # bytes in which the first line of a text ends
 
-SPECIAL_FILES = {
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-}
+SPECIAL_FILES = {stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 """Paths that are neither a file nor a folder, by the type of their mode."""
 
 _MARKS = {codecs.BOM_UTF32_LE: "UTF-32", codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"}

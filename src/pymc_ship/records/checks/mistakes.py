@@ -190,11 +190,7 @@ MISTAKES = (
     _reversed("phi"),
     _reversed("u"),
     Mistake(
-        "r",
-        R_LATE,
-        partial(_in_time, name="r"),
-        remedy="take r from psi, or a gyro without the filter",
-        gradual=True,
+        "r", R_LATE, partial(_in_time, name="r"), remedy="take r from psi, or a gyro without the filter", gradual=True
     ),
     Mistake("r", R_CLIPPED, _unclipped, remedy="take r from psi"),
     Mistake("psi", PSI_LATE, partial(_in_time, name="psi"), remedy="correct the clock of psi"),

@@ -14,14 +14,7 @@ from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.mistakes import BETTER, EXPLAINED, UNEXPLAINED, corrected_by
 from pymc_ship.records.checks.track import track_misfit
-from pymc_ship.records.checks.verdicts import (
-    SLOW,
-    Check,
-    longest_piece,
-    missing_channels_text,
-    not_checked,
-    pieces,
-)
+from pymc_ship.records.checks.verdicts import SLOW, Check, longest_piece, missing_channels_text, not_checked, pieces
 from pymc_ship.records.files.ship_scale import SIGNIFICANT, ShipScale, least_squares, ship_blocks
 from pymc_ship.records.files.sides import MIRROR_IMAGE, with_yaw_rate
 from pymc_ship.records.steering.approach import TOO_EARLY, WHOLE_APPROACH, approach_fault

@@ -37,11 +37,7 @@ _FIRST = ("yaw rate", "heading", "speed")  # checks without which the velocities
 
 
 def trial_checks(
-    trial: xr.Dataset,
-    vessel: VesselLike | None = None,
-    *,
-    lag: VelocityLag | None = None,
-    any_speed: bool = False,
+    trial: xr.Dataset, vessel: VesselLike | None = None, *, lag: VelocityLag | None = None, any_speed: bool = False
 ) -> tuple[Check, ...]:
     """Check a trial.
 
