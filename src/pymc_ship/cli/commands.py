@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.cli import texts
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
@@ -28,18 +29,6 @@ from pymc_ship.cli.files import (
     write_trial_file,
 )
 from pymc_ship.cli.parser import FAMILIES
-from pymc_ship.cli.texts import (
-    CoefficientRow,
-    coefficient_rows,
-    coefficient_text,
-    criteria_text,
-    index_text,
-    montecarlo_text,
-    table_text,
-    trajectory_rows,
-    trajectory_text,
-    tuning_text,
-)
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.inference.regression.tune import BoundWarning, bound_text, tune_prior
 from pymc_ship.machine.errors import SimulationError, TrialError
@@ -89,7 +78,7 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     text += _step_remark(run, vessel, manoeuvre, args) + speed_remarks([vessel], run.attrs["approach_speed"])
     if manoeuvre.traits.indices:
         indices = ps.indices(run)
-        text += [index_text(indices, {"value": indices}), criteria_text(imo_criteria(indices, vessel))]
+        text += [texts.index_text(indices, {"value": indices}), texts.criteria_text(imo_criteria(indices, vessel))]
     if args.noise is not None:
         kind = {"noise" if isinstance(args.noise, tuple) else "level": args.noise}
         trial = ps.pollute(trial, **kind, rng=np.random.default_rng(args.seed))
@@ -139,7 +128,7 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
         for name in names
     ]
     header = ("channel", "noise sd", "unit", *(key.removeprefix("denoise_") for key in chosen))
-    return table_text(header, rows, "Noise of each channel"), out
+    return texts.table_text(header, rows, "Noise of each channel"), out
 
 
 def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -163,9 +152,9 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
             for dof, tree in result.posteriors(family, draws=args.draws, rng=rng).items():
                 tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}
                 write_posterior(tree, folder / f"{dof}-{family}.nc")
-            rows += coefficient_rows(vessel, family, result.exact[family])
-        write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
-    text = [trial.attrs["record_remarks"], "\n".join(bounds), coefficient_text(rows, families)]
+            rows += texts.coefficient_rows(vessel, family, result.exact[family])
+        write_csv(folder / "coefficients.csv", texts.CoefficientRow._fields, rows, args)
+    text = [trial.attrs["record_remarks"], "\n".join(bounds), texts.coefficient_text(rows, families)]
     return "\n\n".join(filter(None, text)), out
 
 
@@ -180,11 +169,11 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
         trials, vessel, args.prior, draws=args.draws, rng=rng, method=args.method, **settings
     )
     tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}
-    rows = trajectory_rows(vessel, tree)
+    rows = texts.trajectory_rows(vessel, tree)
     with staged_files(out) as folder:
         write_posterior(tree, folder / "trajectory.nc")
-        write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
-    text = [tree.attrs["record_remarks"], trajectory_text(tree), coefficient_text(rows, ("trajectory",))]
+        write_csv(folder / "coefficients.csv", texts.CoefficientRow._fields, rows, args)
+    text = [tree.attrs["record_remarks"], texts.trajectory_text(tree), texts.coefficient_text(rows, ("trajectory",))]
     return "\n\n".join(filter(None, text)), out
 
 
@@ -203,7 +192,7 @@ def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
         table = {**tuned.prior.hyperparameters(), **scores, "dof": args.dof, "made_by": made_by(args)}
         with staged_path(out) as partial:
             partial.write_text(json.dumps(table, indent=2) + "\n", encoding="utf-8")
-    return tuning_text(tuned), out
+    return texts.tuning_text(tuned), out
 
 
 def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -215,7 +204,7 @@ def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
         progress(sentence, remark=True)
     settings = {"workers": args.workers, "scheduler": args.scheduler, "progress": progress}
     rows, page = reported_montecarlo(args.study, args.out, **settings)
-    return montecarlo_text(rows, study.columns(rows)), page
+    return texts.montecarlo_text(rows, study.columns(rows)), page
 
 
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -259,8 +259,8 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = {"length": args.length, "every": args.every, "draws": args.draws}
     scores = ps.score(ship, list(trials.values()), names=list(trials), **settings)
     rows = ps.score_indices(ship, list(trials.values()), names=list(trials), rng=args.seed)
-    texts = [score_text(scores), compared_index_text(rows, "Indices of recorded manoeuvres", scored=True)]
-    text = "\n\n".join(filter(None, [*texts, "\n".join(quality_remarks(trials) + ground_remarks(trials))]))
+    tables = [score_text(scores), compared_index_text(rows, "Indices of recorded manoeuvres", scored=True)]
+    text = "\n\n".join(filter(None, [*tables, "\n".join(quality_remarks(trials) + ground_remarks(trials))]))
     if out is None:
         return text, None
     from pymc_ship.ships.identification.score_page import write_score_page

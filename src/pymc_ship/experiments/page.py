@@ -11,19 +11,9 @@ from time import perf_counter
 import numpy as np
 import pyarrow as pa
 
+from pymc_ship.experiments import tables
 from pymc_ship.experiments.figures import scores
 from pymc_ship.experiments.store import Store
-from pymc_ship.experiments.tables import (
-    BEYOND,
-    STATISTIC,
-    Costs,
-    Sizes,
-    bottleneck,
-    cell_row,
-    group_rows,
-    plan_rows,
-    session_rows,
-)
 from pymc_ship.experiments.task import STAGES, STATUSES, Cell
 from pymc_ship.machine.files import staged_files
 from pymc_ship.machine.memory import peak_memory
@@ -45,7 +35,7 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
     ``results.parquet`` and ``cells.csv`` depend on the study alone, ``timings.parquet`` and the page on the runs, too.
     OutputError when the folder cannot be written.
     """
-    costs, start = Costs(store.study.timed), perf_counter()
+    costs, start = tables.Costs(store.study.timed), perf_counter()
     with staged_files(store.out, last=PAGE.file) as folder:
         rows = list(_cells(store.written(folder), costs))
         sizes = _sizes(store, folder, perf_counter() - start)
@@ -53,30 +43,30 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
     return rows, store.out / PAGE.file
 
 
-def _cells(written: Iterator[tuple[Cell, pa.Table]], costs: Costs) -> Iterator[dict]:
+def _cells(written: Iterator[tuple[Cell, pa.Table]], costs: tables.Costs) -> Iterator[dict]:
     for cell, parts in groupby(written, key=lambda item: item[0]):
         mine = []
         for _, rows in parts:
             costs.add(cell.method, rows)
-            mine.append(rows.select(["status", *STATISTIC]))
+            mine.append(rows.select(["status", *tables.STATISTIC]))
         whole = pa.concat_tables(mine)
-        yield cell_row(cell, {name: np.array(whole[name].to_pylist()) for name in whole.column_names})
+        yield tables.cell_row(cell, {name: np.array(whole[name].to_pylist()) for name in whole.column_names})
 
 
-def _sizes(store: Store, folder: Path, build: float) -> Sizes:
+def _sizes(store: Store, folder: Path, build: float) -> tables.Sizes:
     """Files and bytes of the results and messages, memory of the parent, time of the tables [s]."""
     parts = list((store.out / "parts").rglob("*.parquet"))
     cell, _, part = next(store.study.parts())
     result = dict.fromkeys((*store.results, *store.timings), 0.0)
     sent = len(pickle.dumps(store.study.task(cell, 0, part))) + len(json.dumps(result)) + len(part)
-    return Sizes(
+    return tables.Sizes(
         len(parts), sum(path.stat().st_size for path in [*parts, *folder.glob("*.parquet")]), sent, peak_memory(), build
     )
 
 
 def cell_table(rows: Sequence[Mapping]) -> Table:
     """One line for each cell: scores with their standard errors, and the number of each status."""
-    lines = [dict(row) | {name: _with_error(row[name], row[f"{name}_se"]) for name in STATISTIC} for row in rows]
+    lines = [dict(row) | {name: _with_error(row[name], row[f"{name}_se"]) for name in tables.STATISTIC} for row in rows]
     columns: Columns = {name: (name, str) for name in _SHARED if len({row[name] for row in rows}) > 1}
     columns |= heads(number(3), level="noise level") | heads(str, method="method", median_error="median error %")
     columns |= heads(str, coverage="90 % intervals cover %", coverage_half="50 % intervals cover %")
@@ -89,9 +79,9 @@ def _with_error(value: float, standard_error: float) -> str:
     return f"{text} ± {number(2)(standard_error)}" if np.isfinite(standard_error) else text
 
 
-def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> Content:
+def _content(store: Store, rows: Sequence[Mapping], costs: tables.Costs, sizes: tables.Sizes) -> Content:
     n, grid = number(3), store.study
-    sessions = session_rows(costs)
+    sessions = tables.session_rows(costs)
     by_session = heads(str, session="run", executor="by") | heads(fixed_point(0), workers="workers", tasks="tasks")
     by_session |= heads(n, wall="wall s", seconds="sum of parts s") | heads(fixed_point(1), overhead="overhead %")
     by_session |= heads(n, speed="tasks/s", parent_ms="parent ms/task")
@@ -110,12 +100,12 @@ def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) 
         "tables": {
             "cells": cell_table(rows[:MOST_ROWS]),
             "sessions": table(sessions, by_session),
-            "methods": table(group_rows(costs), by_method),
-            "plan": table(plan_rows(costs, sizes), plan),
+            "methods": table(tables.group_rows(costs), by_method),
+            "plan": table(tables.plan_rows(costs, sizes), plan),
         },
         "wall": n(sum(row["wall"] for row in sessions)),
-        "beyond": f"{BEYOND:.0e}".replace("e+0", "e"),
-        "bottleneck": bottleneck(costs),
+        "beyond": f"{tables.BEYOND:.0e}".replace("e+0", "e"),
+        "bottleneck": tables.bottleneck(costs),
     }
     figures = {name: drawing.svg(scores(group), name) for name, group in shown.items()}
     return Content(values, figures, {"cells": rows})

@@ -14,14 +14,7 @@ import scipy
 from numba import njit
 from numpy.typing import ArrayLike
 
-from pymc_ship.inference.regression.priors import (
-    Prior,
-    RotatedPosterior,
-    check_data,
-    log_inverse_gamma,
-    rotate,
-    warn_of_rows,
-)
+from pymc_ship.inference.regression import priors
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import probability_array
 from pymc_ship.machine.errors import InferenceError
@@ -42,7 +35,7 @@ def _draw_given_noise(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ConjugatePrior(Prior):
+class ConjugatePrior(priors.Prior):
     """Normal inverse gamma prior: beta | sigma2 ~ N(mean, sigma2 V), sigma2 ~ IG(shape, scale).
 
     Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`; the prior variance of scaled
@@ -57,9 +50,9 @@ class ConjugatePrior(Prior):
 
     def exact(self, data: RegressionData) -> "NormalInverseGamma":
         """Exact posterior, Eq. 12-17 of Xue et al. (2020)."""
-        check_data(data)
-        warn_of_rows(data, self)
-        rotation, unit = rotate(data, self), data.response_scale
+        priors.check_data(data)
+        priors.warn_of_rows(data, self)
+        rotation, unit = priors.rotate(data, self), data.response_scale
         s, z = rotation.singular_values, unit * rotation.projection
         spread = 1.0 / (1.0 + s**2)
         # half of the data's part of the scale, |e|^2 + sum z_i^2 / (1 + s_i^2)
@@ -85,7 +78,7 @@ class ConjugatePrior(Prior):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class NormalInverseGamma(RotatedPosterior):
+class NormalInverseGamma(priors.RotatedPosterior):
     """Exact posterior under a conjugate prior: coefficients = center + g basis on the original scale.
 
     g | sigma2 ~ N(location, sigma2 diag(spread)), marginally sigma2 ~ IG(shape, scale): Xue et al. (2020), Eq. 12-17.
@@ -151,7 +144,7 @@ class NormalInverseGamma(RotatedPosterior):
 
     def noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
         """Posterior density of the noise variance at the given values, same shape."""
-        return np.exp(log_inverse_gamma(noise_variance, self.shape, self.scale))
+        return np.exp(priors.log_inverse_gamma(noise_variance, self.shape, self.scale))
 
     def _draw_rotated(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         noise_variance = self.scale / rng.standard_gamma(self.shape, draws)

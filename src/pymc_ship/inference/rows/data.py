@@ -10,15 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pymc_ship.inference.rows.frames import (
-    Formula,
-    by_label,
-    check_same_rows,
-    column_names,
-    formula_rows,
-    frame_columns,
-    is_frame,
-)
+from pymc_ship.inference.rows import frames
 from pymc_ship.machine.arguments import check_choice, check_kind, label_array, name_list, real_array
 from pymc_ship.machine.errors import InferenceError
 
@@ -76,7 +68,7 @@ class RegressionData:
     derivative: str = ""
     record_verdict: str = "not checked"
     record_remarks: str = ""
-    formula: Formula | None = None
+    formula: frames.Formula | None = None
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -123,9 +115,9 @@ class RegressionData:
         InferenceError
             Without formulae, for a formula with group-level terms or that does not fit, and as :meth:`from_arrays`.
         """
-        design_matrix, response, parsed_formula = formula_rows(formula, frame)
+        design_matrix, response, parsed_formula = frames.formula_rows(formula, frame)
         for what, column in {"time": time, "run": run}.items():
-            check_same_rows(frame, column, what)
+            frames.check_same_rows(frame, column, what)
         given: dict[str, Any] = {"scaling": scaling, "time": time, "run": run, **labels}
         data = cls.from_arrays(design_matrix, response, parsed_formula.names, **given)
         return replace(data, formula=parsed_formula)
@@ -165,16 +157,16 @@ class RegressionData:
             For wrong shapes, values masked, missing, complex or not finite, missing or repeated names, z-scored
             columns or response without variation, or a table or labelled array and a response of different index.
         """
-        rounding = _rounding(design_matrix.to_numpy() if is_frame(design_matrix) else design_matrix)
-        given = column_names(design_matrix)
+        rounding = _rounding(design_matrix.to_numpy() if frames.is_frame(design_matrix) else design_matrix)
+        given = frames.column_names(design_matrix)
         if coefficients is not None:
             given = name_list("Coefficient names", coefficients, InferenceError)
-        if given is not None and not is_frame(design_matrix):
-            design_matrix = by_label(design_matrix, given, "The rows")
+        if given is not None and not frames.is_frame(design_matrix):
+            design_matrix = frames.by_label(design_matrix, given, "The rows")
         for what, column in {"response": response, "time": time, "run": run}.items():
-            check_same_rows(design_matrix, column, what)
-        if is_frame(design_matrix):
-            design_matrix = frame_columns(design_matrix, given or (), "The rows")
+            frames.check_same_rows(design_matrix, column, what)
+        if frames.is_frame(design_matrix):
+            design_matrix = frames.frame_columns(design_matrix, given or (), "The rows")
         X = real_array("The design matrix", design_matrix, InferenceError)
         y = real_array("The response", response, InferenceError)
         if X.ndim != 2 or X.size == 0:

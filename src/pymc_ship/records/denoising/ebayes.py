@@ -15,16 +15,7 @@ from numpy.typing import ArrayLike
 
 from pymc_ship.machine.arguments import check_choice, finite_number, real_array
 from pymc_ship.machine.errors import ShipError
-from pymc_ship.records.denoising.spike_and_slab import (
-    condensed,
-    draw_value,
-    fit_cauchy,
-    fit_laplace,
-    mean_value,
-    median_value,
-    profile,
-    threshold_value,
-)
+from pymc_ship.records.denoising import spike_and_slab
 
 PRIORS = ("laplace", "cauchy")  # densities of the means that are not zero
 RULES = ("median", "mean", "hard", "soft")  # posterior median, posterior mean, hard and soft thresholding
@@ -98,14 +89,14 @@ def fit_prior(
     size = np.abs(_observations(x)).ravel()
     bound = math.sqrt(2.0 * math.log(size.size)) if universal_bound else math.inf
     # without the bound the weight may be so small that the densities have poles near the axis
-    points = condensed(size) if universal_bound else np.array([size, np.ones(size.size)])
+    points = spike_and_slab.condensed(size) if universal_bound else np.array([size, np.ones(size.size)])
     if prior == "cauchy":
-        return fit_cauchy(points, bound)
+        return spike_and_slab.fit_cauchy(points, bound)
     if scale is not None:
         scale = _positive_number("scale", scale)
-        weight, log_likelihood, _ = profile(points, scale, bound, 0.5, np.empty((3, points.shape[1])))
+        weight, log_likelihood, _ = spike_and_slab.profile(points, scale, bound, 0.5, np.empty((3, points.shape[1])))
         return weight, scale, log_likelihood
-    return fit_laplace(points, bound)
+    return spike_and_slab.fit_laplace(points, bound)
 
 
 def shrink(
@@ -123,7 +114,7 @@ def shrink(
         return posterior_mean(x, weight, prior, scale)
     limit = threshold_from_weight(weight, prior, scale, "posterior_median" if rule == "median" else threshold)
     if rule == "median":
-        return _evaluate(median_value, x, weight, _code(prior, scale), limit)
+        return _evaluate(spike_and_slab.median_value, x, weight, _code(prior, scale), limit)
     values = real_array("The observations", x)
     size = np.abs(values)
     return np.where(size > limit, values, 0.0) if rule == "hard" else np.sign(values) * np.maximum(size - limit, 0.0)
@@ -131,12 +122,12 @@ def shrink(
 
 def posterior_mean(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
     """Posterior mean of the mean behind x; x, weight and scale are broadcast."""
-    return _evaluate(mean_value, x, _probability(weight), _code(prior, scale))
+    return _evaluate(spike_and_slab.mean_value, x, _probability(weight), _code(prior, scale))
 
 
 def posterior_median(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
     """Posterior median of the mean behind x, zero within the threshold; x, weight and scale are broadcast."""
-    return _evaluate(median_value, x, _probability(weight), _code(prior, scale), 0.0)
+    return _evaluate(spike_and_slab.median_value, x, _probability(weight), _code(prior, scale), 0.0)
 
 
 def posterior_draw(
@@ -145,7 +136,7 @@ def posterior_draw(
     """One posterior draw of the mean behind each x, in units of the noise: zero or from the slab."""
     uniform = rng.random(np.shape(x))
     normal = rng.standard_normal(np.shape(x)) if prior == "cauchy" else 0.0
-    return _evaluate(draw_value, x, _probability(weight), _code(prior, scale), uniform, normal)
+    return _evaluate(spike_and_slab.draw_value, x, _probability(weight), _code(prior, scale), uniform, normal)
 
 
 def threshold_from_weight(
@@ -154,7 +145,7 @@ def threshold_from_weight(
     """Threshold of a weight in [0, 1], one of :data:`THRESHOLDS`, in units of the noise; infinite for weight 0."""
     check_choice("The threshold", threshold, THRESHOLDS)
     code = _code(prior, scale)
-    return threshold_value(float(_probability(weight)), float(code), threshold == "bayes_factor")
+    return spike_and_slab.threshold_value(float(_probability(weight)), float(code), threshold == "bayes_factor")
 
 
 def _observations(x: ArrayLike) -> np.ndarray:
