@@ -210,7 +210,8 @@ def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Report on saved posteriors; the text has the verdict of each."""
     from pymc_ship.diagnostics.agreement import comparisons, failure_sentence
-    from pymc_ship.diagnostics.page import check_posteriors, posterior_kind, write_diagnostics
+    from pymc_ship.diagnostics.page import PAGE, check_posteriors, diagnostic_content, posterior_kind
+    from pymc_ship.pages.page import write_page
 
     vessel = vessel_argument(args.vessel, progress) if args.vessel else None
     paths = {Path(path).stem: path for path in args.posteriors}
@@ -219,7 +220,7 @@ def report(args: argparse.Namespace, progress: Progress) -> Outcome:
     trees = {name: read_posterior(path) for name, path in paths.items()}
     check_posteriors(trees, vessel)
     out, compared = writable_folder(args.out), comparisons(trees)
-    page = write_diagnostics(compared, out, vessel, seed=args.seed, progress=progress)
+    page = write_page(PAGE, out, diagnostic_content(compared, vessel, seed=args.seed, progress=progress))
     verdicts = ["\n".join([one.name, *posterior_kind(one.posterior).verdict(one)]) for one in compared]
     return "\n\n".join(verdicts), page, failure_sentence(compared)
 

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.cli import texts
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
@@ -20,15 +21,6 @@ from pymc_ship.cli.files import (
     write_csv,
 )
 from pymc_ship.cli.parser import SHIP_PRIORS, SIDES
-from pymc_ship.cli.texts import (
-    compared_index_text,
-    conditions_text,
-    design_text,
-    forecast_text,
-    form_text,
-    score_text,
-    term_set_text,
-)
 from pymc_ship.inference.regression.tree import FILES, read_posterior
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.files import staged_files, writable_folder
@@ -78,8 +70,8 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         save_ship(identification.ship, folder, made_by=made_by(args), **record)
         write_ship_report(identification, trials, checks, folder, **made)
     text = [
-        term_set_text(identification),
-        compared_index_text(identification.held_out_indices, "Held-out runs and their forecasts"),
+        texts.term_set_text(identification),
+        texts.compared_index_text(identification.held_out_indices, "Held-out runs and their forecasts"),
     ]
     text += ["\n".join(sentences) for sentences in (summary, identification.ship.remarks)]
     return "\n\n".join(filter(None, [*text, identification.quality_flags["record_remarks"]])), out / PAGE.file
@@ -245,7 +237,7 @@ def design(args: argparse.Namespace, progress: Progress) -> Outcome:
         targets = [str(target).split(", ") for target in result["target"].values]
         rows = zip(*zip(*targets, strict=True), result["units"].values, *width.values.T, strict=True)
         write_csv(folder / "half_widths.csv", header, rows, args)
-    return design_text(result), out
+    return texts.design_text(result), out
 
 
 def score(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -259,7 +251,7 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = {"length": args.length, "every": args.every, "draws": args.draws}
     scores = ps.score(ship, list(trials.values()), names=list(trials), **settings)
     rows = ps.score_indices(ship, list(trials.values()), names=list(trials), rng=args.seed)
-    tables = [score_text(scores), compared_index_text(rows, "Indices of recorded manoeuvres", scored=True)]
+    tables = [texts.score_text(scores), texts.compared_index_text(rows, "Indices of recorded manoeuvres", scored=True)]
     text = "\n\n".join(filter(None, [*tables, "\n".join(quality_remarks(trials) + ground_remarks(trials))]))
     if out is None:
         return text, None
@@ -280,8 +272,8 @@ def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
     report = ps.sea_trial(trials, vessel, progress=progress, **settings)
     progress("writing the page")
     unmet = [row for row in report.conditions if row["conformity"] == "not met"]
-    texts = [form_text(report.form), conditions_text(unmet), "\n".join(report.remarks)]
-    return "\n\n".join(filter(None, texts)), ps.trial_report(report, out, command=made_by(args))
+    parts = [texts.form_text(report.form), texts.conditions_text(unmet), "\n".join(report.remarks)]
+    return "\n\n".join(filter(None, parts)), ps.trial_report(report, out, command=made_by(args))
 
 
 def _measured(args: argparse.Namespace, ship: Ship, progress: Progress) -> dict[str, tuple[Manoeuvre, xr.Dataset]]:
@@ -320,7 +312,7 @@ def _text(
     columns |= {} if reference is None else {"reference": reference}
     verdicts = verdict_rows(label, tree, vessel, measured[label][1] if label in measured else None)
     parts = [
-        forecast_text(tree, columns),
+        texts.forecast_text(tree, columns),
         tree.attrs["steering"],
         refused_sentence(tree),
         unreached_sentence(tree),

@@ -92,14 +92,8 @@ def diagnostic_report(
     check_counts(least=0, seed=seed)
     ship = None if vessel is None else as_vessel(vessel)
     check_posteriors(trees, ship)
-    return write_diagnostics(comparisons(trees), writable_folder(out), ship, seed=seed, progress=progress)
-
-
-def write_diagnostics(
-    compared: Sequence[Comparison], out: Path, ship: Vessel | None, *, seed: int, progress: Callable[[str], None]
-) -> Path:
-    """Write the report of compared posteriors to a folder."""
-    return write_page(PAGE, out, diagnostic_content(compared, ship, seed=seed, progress=progress))
+    compared, folder = comparisons(trees), writable_folder(out)
+    return write_page(PAGE, folder, diagnostic_content(compared, ship, seed=seed, progress=progress))
 
 
 def diagnostic_content(

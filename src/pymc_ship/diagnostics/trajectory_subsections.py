@@ -297,13 +297,9 @@ def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> 
     return subsection
 
 
-def _coefficient_names(vessel: Vessel, _: xr.DataTree) -> list[str]:
-    return coefficient_names(vessel)
-
-
 TRAJECTORIES = PosteriorKind(
     check=trajectory.check_trajectory,
-    coefficient_names=_coefficient_names,
+    coefficient_names=lambda vessel, _: coefficient_names(vessel),
     verdict=_verdict,
     origin=_origin,
     subsections=_subsections,

@@ -257,14 +257,8 @@ def _other_slips(result: StudyResult) -> dict:
 
 def optimisation_gain(result: StudyResult) -> str:
     """Sentence on the gain of Bayesian optimisation over the evidence maximum."""
-    gains = [
-        tuned.score - tuned.evidence_score
-        for by_dof in result.identifications[result.level].tuned.values()
-        for tuned in by_dof.values()
-    ]
-    errors = [
-        tuned.score_se for by_dof in result.identifications[result.level].tuned.values() for tuned in by_dof.values()
-    ]
+    every = [one for by_dof in result.identifications[result.level].tuned.values() for one in by_dof.values()]
+    gains, errors = [one.score - one.evidence_score for one in every], [one.score_se for one in every]
     return (
         f"What the optimisation gained over the evidence maximum: between {min(gains):.4f} and {max(gains):.4f} nats per "
         f"row over degrees of freedom and families, where the standard error over folds is {min(errors):.2f} or more."

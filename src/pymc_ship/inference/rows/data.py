@@ -409,14 +409,12 @@ def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...], time: np.ndarra
         raise InferenceError(f"Each of the {X.shape[1]} columns has one name, found {len(names)} names.")
     bad = [name for j, name in enumerate(names) if not np.isfinite(X[:, j]).all()]
     bad += [f"the {what}" for what, values in {"response": y, "time": time}.items() if not np.isfinite(values).all()]
-    if not bad:
-        sizes = dict(zip(names, np.abs(X).max(axis=0), strict=True)) | {"the response": np.abs(y).max()}
-        far = {name: size for name, size in sizes.items() if size and not _SMALLEST < size < _LARGEST}
-        if far:
-            raise InferenceError(
-                f"Regression data have magnitudes from {_SMALLEST:g} to {_LARGEST:g}, whose squares are numbers, found "
-                f"{', '.join(f'{size:.2g} in {name}' for name, size in far.items())}; take other units."
-            )
     if bad:
         where = ", ".join(bad)
         raise InferenceError(f"Regression data must be finite, found NaN or infinity in {where}; clean the trial.")
+    sizes = dict(zip(names, np.abs(X).max(axis=0), strict=True)) | {"the response": np.abs(y).max()}
+    if far := {name: size for name, size in sizes.items() if size and not _SMALLEST < size < _LARGEST}:
+        raise InferenceError(
+            f"Regression data have magnitudes from {_SMALLEST:g} to {_LARGEST:g}, whose squares are numbers, found "
+            f"{', '.join(f'{size:.2g} in {name}' for name, size in far.items())}; take other units."
+        )

@@ -8,7 +8,7 @@ import xarray as xr
 
 from pymc_ship.inference.regression.prior_table import hold_fixed
 from pymc_ship.inference.regression.priors import Prior, check_data, check_prior
-from pymc_ship.inference.regression.tree import drawn_coefficients, posterior_group, warn_of_chains
+from pymc_ship.inference.regression.tree import SAMPLE, drawn_coefficients, posterior_group, warn_of_chains
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import new_design
 from pymc_ship.inference.sampling.error_laws import OWN, draw_errors, error_law, known_errors_of, log_likelihood_group
@@ -25,13 +25,12 @@ def prior_draws(
     """Independent draws of the variables of a posterior from the prior, one chain, on the original scale."""
     law = error_law(errors)
     scaled, scaled_variance = prior.draw(data.n_terms, rng, (1, draws))
-    sample = ("chain", "draw")
     values = {
-        "coefficients": ((*sample, "coefficient"), data.to_original(scaled)),
-        "noise_variance": (sample, data.response_scale**2 * scaled_variance),
+        "coefficients": ((*SAMPLE, "coefficient"), data.to_original(scaled)),
+        "noise_variance": (SAMPLE, data.response_scale**2 * scaled_variance),
     }
     if law.parameter:
-        values[law.parameter] = (sample, law.draw_parameter(rng, (1, draws)))
+        values[law.parameter] = (SAMPLE, law.draw_parameter(rng, (1, draws)))
     return xr.Dataset(values, {"chain": [0], "draw": np.arange(draws), "coefficient": list(data.coefficients)})
 
 
@@ -101,8 +100,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     rows = RegressionData.from_arrays(design_matrix, np.zeros(len(design_matrix)), names, scaling="none")
     predicted = predictive(rows, posterior, rng=rng, errors=known_errors_of(tree))
     expected = predicted["response"].copy(data=posterior["coefficients"].to_numpy() @ design_matrix.T)
-    sample = ("chain", "draw")
-    return predicted.assign(expected=expected, mean=expected.mean(sample), sd=predicted["response"].std(sample))
+    return predicted.assign(expected=expected, mean=expected.mean(SAMPLE), sd=predicted["response"].std(SAMPLE))
 
 
 def with_predictive(

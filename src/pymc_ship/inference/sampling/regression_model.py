@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior, check_data, check_prior, warn_of_rows
-from pymc_ship.inference.regression.tree import draws_tree, rng_state
+from pymc_ship.inference.regression.tree import SAMPLE, draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import NU_RATE, NU_SHAPE, error_law, run_parts, with_errors
 from pymc_ship.inference.sampling.from_pymc import posterior_tree
@@ -295,7 +295,6 @@ def nuts_sample_stats(raw: xr.Dataset, tune: int, sampler: str) -> xr.Dataset:
     """Sample statistics by ArviZ name, as arrays of bool, int64 or float64."""
     named = raw.rename({given: name for given, name in _NUTPIE_NAMES.items() if given in raw})
     types = {name: kind for name, kind in _SAMPLE_STATS.items() if name in named}
-    sample = ("chain", "draw")
-    values: dict[str, tuple] = {name: (sample, named[name].to_numpy().astype(kind)) for name, kind in types.items()}
+    values: dict[str, tuple] = {name: (SAMPLE, named[name].to_numpy().astype(kind)) for name, kind in types.items()}
     attrs = {"tuning_steps": tune, "inference_library": sampler, "inference_library_version": version(sampler)}
-    return xr.Dataset(values, {dim: np.arange(raw.sizes[dim]) for dim in sample}, attrs)
+    return xr.Dataset(values, {dim: np.arange(raw.sizes[dim]) for dim in SAMPLE}, attrs)

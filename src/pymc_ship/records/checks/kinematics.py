@@ -348,14 +348,12 @@ def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return Check("speed", "bad", "The ship does not move; check u, v, x and y.")
     ratio = float(distance / distance_from_speed)
     numbers = (("track over velocity", ratio, ""),)
+    text = f"The track is {ratio:.4g} times the distance from u and v"
     mistakes, keys = speed_units(ratio, _LOG_WIDTH)
     if mistakes:
-        text = f"The track is {ratio:.4g} times the distance from u and v, as of {mistakes}; state {keys}."
-        return Check("speed", "bad", text, numbers)
+        return Check("speed", "bad", f"{text}, as of {mistakes}; state {keys}.", numbers)
     if abs(ratio - 1.0) > SPEED_BAD:
-        text = f"The track is {ratio:.4g} times the distance from u and v; check the units of u, v, x, y and time."
-        return Check("speed", "bad", text, numbers)
+        return Check("speed", "bad", f"{text}; check the units of u, v, x, y and time.", numbers)
     if abs(ratio - 1.0) > SCALE_DOUBTFUL:
-        text = f"The track is {ratio:.4g} times the distance from u and v: a current, or a log out of calibration."
-        return Check("speed", "doubtful", text, numbers)
-    return Check("speed", "good", f"The track is {ratio:.4g} times the distance from u and v.", numbers)
+        return Check("speed", "doubtful", f"{text}: a current, or a log out of calibration.", numbers)
+    return Check("speed", "good", f"{text}.", numbers)

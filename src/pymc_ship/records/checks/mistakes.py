@@ -55,14 +55,6 @@ def _scaled(trial: Channels, names: str, factor: float) -> Channels:
     return _mended(trial, **{name: factor * trial[name].values for name in names.split()})
 
 
-def _swapped(trial: Channels, one: str, other: str) -> Channels:
-    return _mended(trial, **{one: trial[other].values, other: trial[one].values})
-
-
-def _from_code(trial: Channels, name: str, unit: float) -> Channels:
-    return _mended(trial, **{name: unit * CODES["ais"](trial[name].values / unit)})
-
-
 def _wrong_unit(name: str, unit: str, factor: float, converted: str = "") -> Mistake:
     words = f"{name} is {unit} that was converted as {converted}" if converted else f"{name} is in {unit}"
     return Mistake(name, words, partial(_scaled, names=name, factor=factor), f'unit = "{unit}"')
@@ -73,9 +65,11 @@ def _reversed(name: str, key: str = "sign = -1") -> Mistake:
 
 
 def _exchanged(one: str, other: str) -> Mistake:
-    mend = partial(_swapped, one=one, other=other)
     return Mistake(
-        f"{one} {other}", f"{one} and {other} are swapped", mend, f"exchange the columns of {one} and {other}"
+        f"{one} {other}",
+        f"{one} and {other} are swapped",
+        lambda trial: _mended(trial, **{one: trial[other].values, other: trial[one].values}),
+        f"exchange the columns of {one} and {other}",
     )
 
 
@@ -209,7 +203,7 @@ MISTAKES = (
     Mistake(
         "r",
         "r is the AIS code 4.733 times the root of the rate in deg/min",
-        partial(_from_code, name="r", unit=_DEG / 60.0),
+        lambda trial: _mended(trial, r=_DEG / 60.0 * CODES["ais"](trial["r"].values / (_DEG / 60.0))),
         'code = "ais"',
     ),
     *(

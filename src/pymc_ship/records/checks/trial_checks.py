@@ -361,10 +361,6 @@ def _subtract(trial: xr.Dataset, name: str, shift: float | np.ndarray) -> xr.Dat
     return changed(trial, **{name: trial[name].values - shift})
 
 
-def _in_body_axes(trial: xr.Dataset, _: Check) -> xr.Dataset:
-    return changed(trial, **dict(zip(("u", "v"), track.body_velocity(trial), strict=True)))
-
-
 def _zero(check: Check) -> float:
     return check.value("between the sides of the zigzag")
 
@@ -375,7 +371,7 @@ _MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
     "heading wraps": lambda trial, _: changed(trial, psi=record_quality.unwrapped_heading(trial)),
     "gyro offset": lambda trial, check: _subtract(trial, "r", np.deg2rad(check.value("offset"))),
     "roll rate offset": lambda trial, check: _subtract(trial, "p", np.deg2rad(check.value("offset"))),
-    "velocity axes": _in_body_axes,
+    "velocity axes": lambda trial, _: changed(trial, **dict(zip("uv", track.body_velocity(trial), strict=True))),
     "motion ahead": plausibility.cut_to_piece,
     "velocity lag": lambda trial, check: without_lag(trial, lag_of(check)),
     "lever arm": lambda trial, check: _subtract(trial, "v", -check.value("lever arm") * trial["r"].values),
