@@ -5,20 +5,12 @@ import json
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics import figures, regression, subsections
+from pymc_ship.diagnostics import figures, regression, subsections, tables
 from pymc_ship.diagnostics import posterior_statistics as statistics
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.group_subsections import groups_subsection
 from pymc_ship.diagnostics.posterior_statistics import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.subsections import PosteriorKind, Subsection
-from pymc_ship.diagnostics.tables import (
-    AGREEMENT,
-    agreement_rows,
-    agreement_table,
-    chain_table,
-    coefficient_table,
-    sensitivity_table,
-)
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.tune import bound_text, on_edge
@@ -125,7 +117,10 @@ def _agreement(one: Comparison) -> Subsection:
         "Largest |z| of means, standard deviations and quantiles, z from the run's own Monte Carlo error; the limit is "
         f"the two-sided normal quantile at {LEVEL:g} over {one.agreement.attrs['comparisons']} comparisons."
     )
-    summary, every = table(agreement_rows(one.agreement), AGREEMENT), agreement_table(one.agreement)
+    summary, every = (
+        table(tables.agreement_rows(one.agreement), tables.AGREEMENT),
+        tables.agreement_table(one.agreement),
+    )
     return Subsection(title, "", [(summary, worst), (every, f"{_PRIME}; |z| q: the largest of the quantiles.")])
 
 
@@ -138,7 +133,7 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Subsection:
     published = {family: values[free] for family, values in subsections.published_estimates(ship, dof).items()}
     marks = {} if reference is None else {"reference": reference}
     marks |= {f"publ. {family}": values for family, values in published.items()}
-    rows = coefficient_table(summary.rename(quantity="coefficient"), contraction, marks)
+    rows = tables.coefficient_table(summary.rename(quantity="coefficient"), contraction, marks)
     relative = (
         "Coefficients over their posterior standard deviation, since no vessel was given"
         if reference is None
@@ -186,16 +181,16 @@ def _quantities_to_draw(tree: xr.DataTree) -> list[str]:
 def _chains(tree: xr.DataTree, method: str) -> Subsection:
     """Chains of one method, named where there are several."""
     names, errors = _quantities_to_draw(tree), f"{_PRIME}; Monte Carlo errors of the chains."
-    tables = [(chain_table(statistics.summary(tree)), errors)]
+    shown = [(tables.chain_table(statistics.summary(tree)), errors)]
     whose = f"The chains are those of {method}. " if method else ""
     if not names:
-        return Subsection("Chains", f"{whose}Not drawn: none of the chosen quantities varies.", tables)
+        return Subsection("Chains", f"{whose}Not drawn: none of the chosen quantities varies.", shown)
     pair = "the most correlated pair"
     rest = f", {pair} and the noise variance" if "noise_variance" in names else f" and {pair}"
     text = f"{whose}Drawn are the coefficient of largest R-hat{rest}."
     if tree["posterior"].sizes["chain"] < 2:
         text = f"{text} Ranks are not drawn: they need two chains."
-    return Subsection("Chains", text, tables, subsections.chain_images(tree, names))
+    return Subsection("Chains", text, shown, subsections.chain_images(tree, names))
 
 
 def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Subsection:
@@ -299,7 +294,7 @@ def _sensitivity(tree: xr.DataTree) -> Subsection:
     moved = [row["quantity"] for row in rows if row["prior"] > PSENSE_LIMIT]
     text = f"{len(moved)} of {len(rows)} quantities move with the prior{': ' + ', '.join(moved) if moved else ''}."
     caption = f"Power-scaling sensitivity by 0.99 and 1.01 (psense); above {PSENSE_LIMIT:g} a quantity is moved."
-    return Subsection(title, text, [(sensitivity_table(rows, "quantity"), caption)])
+    return Subsection(title, text, [(tables.sensitivity_table(rows, "quantity"), caption)])
 
 
 def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Subsection:

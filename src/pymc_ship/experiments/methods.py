@@ -48,9 +48,7 @@ def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -
 
 def method_record(name: str, own: Method | None) -> str:
     """Record of a method in a folder of results: its name and, where user-defined, a digest of its source."""
-    if own is None:
-        return name
-    return f"{name} (own, {digest(own)})"
+    return name if own is None else f"{name} (own, {digest(own)})"
 
 
 def digest(own: Callable) -> str:

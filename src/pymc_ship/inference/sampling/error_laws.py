@@ -26,7 +26,7 @@ _PLUG_IN_NU = 4.0
 Whitening = Callable[[np.ndarray], np.ndarray]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ErrorLaw:
     """Law of the errors; arrays of the parameter have shape (...), of rows (..., n_rows).
 
@@ -41,9 +41,9 @@ class ErrorLaw:
     whiten : callable; (residual, noise_variance) -> function of rows (n_rows, ...) that whitens their errors
     """
 
-    parameter: str
-    prior: str
-    citation: str
+    parameter: str = ""
+    prior: str = ""
+    citation: str = ""
     draw_parameter: Callable[[np.random.Generator, tuple[int, ...]], np.ndarray]
     log_parameter: Callable[[np.ndarray], np.ndarray]
     draw_errors: Callable[[np.random.Generator, np.ndarray, np.ndarray, int], np.ndarray]
@@ -101,9 +101,6 @@ def _whiten_ar1(residual: np.ndarray, _: float) -> Whitening:
 
 ERRORS = {
     "normal": ErrorLaw(
-        parameter="",
-        prior="",
-        citation="",
         draw_parameter=lambda rng, size: np.zeros(size),
         log_parameter=np.zeros_like,
         draw_errors=_draw_normal,

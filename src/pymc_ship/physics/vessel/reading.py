@@ -78,9 +78,7 @@ def _check_source(source: object) -> None:
 
 def as_vessel(vessel: VesselLike) -> Vessel:
     """Vessel of a :data:`VesselLike`; a Vessel is returned unchanged. VesselError as :func:`load_vessel`."""
-    if isinstance(vessel, Vessel):
-        return vessel
-    return load_vessel(vessel)
+    return vessel if isinstance(vessel, Vessel) else load_vessel(vessel)
 
 
 def _vessel(file: Entry) -> Vessel:
