@@ -25,7 +25,13 @@ from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.records.files.noise import noisy_trial
-from pymc_ship.replication import estimates
+from pymc_ship.replication.estimates import (
+    DIFFERENCES,
+    Estimate,
+    regression_estimate,
+    trajectory_estimate,
+    weak_form_estimate,
+)
 
 SCORES = ("median_error", "coverage", "coverage_half", "tactical_diameter_error")
 """Scores of a task, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""
@@ -39,21 +45,21 @@ turn. `failed`: no coefficients."""
 TURN, TURN_DURATION = turning_circle(35), 22.0  # manoeuvre whose tactical diameter is forecast, and its duration [L/U]
 
 
-def _differences(noisy: xr.Dataset, vessel: Vessel, derivative: str, interval: float | None) -> estimates.Estimate:
-    return estimates.regression_estimate(denoise(noisy), vessel, derivative=derivative, interval=interval)
+def _differences(noisy: xr.Dataset, vessel: Vessel, derivative: str, interval: float | None) -> Estimate:
+    return regression_estimate(denoise(noisy), vessel, derivative=derivative, interval=interval)
 
 
-def _trajectory(noisy: xr.Dataset, vessel: Vessel, prior: str) -> estimates.Estimate:
-    return estimates.trajectory_estimate(trajectory_mode(noisy, vessel, prior, method="euler").choice.fit)
+def _trajectory(noisy: xr.Dataset, vessel: Vessel, prior: str) -> Estimate:
+    return trajectory_estimate(trajectory_mode(noisy, vessel, prior, method="euler").choice.fit)
 
 
-Method = Callable[[xr.Dataset, Vessel], estimates.Estimate]
+Method = Callable[[xr.Dataset, Vessel], Estimate]
 """A method takes a noisy record and the vessel and returns coefficients with their intervals."""
 
 METHODS: dict[str, Method] = {
     "paper's pipeline": partial(_differences, derivative="euler", interval=1.0),
-    **{name: partial(_differences, derivative=how[0], interval=how[1]) for name, how in estimates.DIFFERENCES.items()},
-    "weak form": partial(estimates.weak_form_estimate, method="euler"),
+    **{name: partial(_differences, derivative=how[0], interval=how[1]) for name, how in DIFFERENCES.items()},
+    "weak form": partial(weak_form_estimate, method="euler"),
     "trajectory fit": partial(_trajectory, prior="order_damped"),
     "trajectory fit, flat prior": partial(_trajectory, prior="flat"),
 }
@@ -148,7 +154,7 @@ def _fit_and_score(task: Task, seconds: dict[str, float], scores: dict[str, floa
 def _check_estimate(task: Task, estimate: object) -> None:
     size = reference_coefficients(task.vessel).size
     returned = f"a {type(estimate).__name__}"
-    if isinstance(estimate, estimates.Estimate):
+    if isinstance(estimate, Estimate):
         shapes = [np.shape(value) for value in (estimate.coefficients, estimate.lower, estimate.upper)]
         if shapes == 3 * [(size,)]:
             return
