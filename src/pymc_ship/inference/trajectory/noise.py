@@ -1,6 +1,6 @@
 """Choice of the noise model by tests of the residuals under white noise, and the fit under that model."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -192,16 +192,14 @@ def sample_residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]
     return residuals
 
 
-def white_misfits(problem: Problem, unknowns: np.ndarray) -> Iterator[np.ndarray]:
-    """Whitened misfit (n_channels, n_draws, n_blocks) of each run for draws of the unknowns; NaN where one diverges."""
-    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
-    for run, noise, columns, nuisance_slice in pieces:
-        theta, nuisances = unknowns[:, columns], unknowns[:, nuisance_slice]
-        start = nuisances[:, : run.n_states]
-        motion = replay(problem.vessel, run.inputs, start, theta, block=run.block, **run.integration)
-        offsets = nuisances[:, run.n_states :] if noise.offsets else np.zeros((len(unknowns), len(run.channels)))
-        misfit = noise.values[:, None] - motion[list(run.rows)] - offsets.T[:, :, None]
-        yield whiten_channels(misfit.transpose(0, 2, 1), noise).transpose(0, 2, 1)
+def white_misfit(problem: Problem, k: int, unknowns: np.ndarray) -> np.ndarray:
+    """Whitened misfit (n_channels, n_draws, n_blocks) of run k for draws of the unknowns; NaN where one diverges."""
+    run, noise, nuisances = problem.runs[k], problem.noise[k], unknowns[:, problem.nuisances[k]]
+    start, theta = nuisances[:, : run.n_states], unknowns[:, problem.columns[k]]
+    motion = replay(problem.vessel, run.inputs, start, theta, block=run.block, **run.integration)
+    offsets = nuisances[:, run.n_states :] if noise.offsets else np.zeros((len(unknowns), len(run.channels)))
+    misfit = noise.values[:, None] - motion[list(run.rows)] - offsets.T[:, :, None]
+    return whiten_channels(misfit.transpose(0, 2, 1), noise).transpose(0, 2, 1)
 
 
 def _fit_under_noise(

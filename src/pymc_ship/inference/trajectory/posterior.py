@@ -10,7 +10,7 @@ import xarray as xr
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, rng_state
 from pymc_ship.inference.trajectory.fit import TrajectoryFit, linear_problem
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
-from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfits
+from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfit
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.scale_law import FREEDOM, gibbs_draws
 from pymc_ship.machine.arguments import check_counts
@@ -182,7 +182,8 @@ def verdict(khat: float) -> str:
 def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
     """Log likelihood of every block, given the one before, (n_draws, n_rows); NaN where a draw diverges."""
     rows = []
-    for noise, white in zip(fit.problem.noise, white_misfits(fit.problem, unknowns), strict=True):
+    for k, noise in enumerate(fit.problem.noise):
+        white = white_misfit(fit.problem, k, unknowns)
         rows.append(np.zeros(white.shape[1:]))
         for values, sd, correlation in zip(white, noise.sd, noise.correlation, strict=True):
             rows[-1] -= 0.5 * (values**2 + _LOG_2PI) + np.log(sd)

@@ -3,8 +3,9 @@
 import numpy as np
 
 from pymc_ship.inference.trajectory.fit import TrajectoryFit
-from pymc_ship.inference.trajectory.noise import white_misfits
+from pymc_ship.inference.trajectory.noise import white_misfit
 from pymc_ship.inference.trajectory.windows import WindowFit, normal_draws
+from pymc_ship.machine.threads import map_in_threads
 
 _TOLERANCE = 0.5  # convergence, in sd of the unknowns
 _MAX_STEPS = 8
@@ -45,8 +46,15 @@ def _optimized_changes(mode: TrajectoryFit, normal: np.ndarray) -> np.ndarray:
 def _nonlinear_change(mode: TrajectoryFit, changes: np.ndarray) -> np.ndarray:
     """Nonlinear part of the change of the motion, projected on the estimate, (n_draws, n_unknowns); NaN if diverged."""
     change, projection = changes @ mode.square_root.T, np.zeros_like(changes)
-    misfits = white_misfits(mode.problem, mode.unknowns + change)
-    for (indices, misfit_at_mode, design), misfit in zip(mode.point.runs, misfits, strict=True):
-        nonlinear = misfit_at_mode[:, None] - misfit - change[:, indices] @ design.transpose(0, 2, 1)
-        projection[:, indices] += np.sum(nonlinear @ design, axis=0)
+    unknowns = mode.unknowns + change
+
+    def project(k: int) -> np.ndarray:
+        indices, misfit, design = mode.point.runs[k]
+        nonlinear = misfit[:, None] - white_misfit(mode.problem, k, unknowns)
+        nonlinear -= change[:, indices] @ design.transpose(0, 2, 1)
+        return np.sum(nonlinear @ design, axis=0)
+
+    runs = range(len(mode.point.runs))
+    for k, of_run in zip(runs, map_in_threads(project, runs), strict=True):
+        projection[:, mode.point.runs[k].indices] += of_run
     return projection @ mode.square_root
