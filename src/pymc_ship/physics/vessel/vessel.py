@@ -155,6 +155,11 @@ class Vessel:
         values, attrs = np.array([c.value for c in force]), {"vessel": self.name, "dof": dof, "units": "prime"}
         return xr.DataArray(values, coords, "coefficient", f"{LETTER[dof]}'", attrs)
 
+    @property
+    def all_coefficients(self) -> tuple[Coefficient, ...]:
+        """Coefficients DOF after DOF, then the parameters of parts; VesselError without coefficients of a DOF."""
+        return (*(one for dof in self.dofs for one in self._force(dof)), *self.parameters)
+
     def published_estimates(self, dof: str, which: str) -> np.ndarray:
         """Published estimates of a DOF, shape (n_terms,); NaN if not published."""
         return np.array([coefficient.published.get(which, np.nan) for coefficient in self._force(dof)])
@@ -220,8 +225,7 @@ class Vessel:
 
 def reference_coefficients(vessel: Vessel) -> np.ndarray:
     """All coefficients, shape (n_coefficients,): DOF after DOF, then the parameters of parts."""
-    rows = [vessel.coefficients(dof).values for dof in vessel.dofs]
-    return np.concatenate([*rows, [parameter.value for parameter in vessel.parameters]])
+    return np.array([one.value for one in vessel.all_coefficients], dtype=float)
 
 
 def per_run_indices(vessel: Vessel) -> list[int]:
@@ -250,5 +254,4 @@ def most_dofs(vessels: Iterable[Vessel]) -> Vessel:
 
 def coefficient_names(vessel: Vessel) -> list[str]:
     """Names of all coefficients, in the order of :func:`reference_coefficients`."""
-    linear = [str(name) for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
-    return linear + [parameter.name for parameter in vessel.parameters]
+    return [one.name for one in vessel.all_coefficients]
