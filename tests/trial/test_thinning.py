@@ -182,3 +182,9 @@ def test_one_row_of_an_odd_number_is_left():
     assert rows_for_one(thinning.MOST_ROWS + 1, 8) == 3
     assert rows_for_one(10_000_000, 8) == 25
     assert rows_for_one(10_000, 900, whole=False) == 3  # nine million cells
+
+
+def test_fill_values_are_no_median():
+    cells = Numbers(np.array([9.97e36, 9.97e36, 2.0, 3.0, np.nan, 9.97e36]), False)
+    (rows,) = kept_rows([cells], Thinning(3, frozenset(), frozenset()))
+    assert rows.tolist() == [2, 3]
