@@ -183,8 +183,11 @@ def test_usual_tests_are_not_named(tmp_path):
     """Clean, noisy, and rounded so that forces of several tests are equal."""
     assert remarks(tmp_path, series()) == ()
     assert remarks(tmp_path, stale()) == ()
+    assert remarks(tmp_path, {head: np.repeat(values, 2) for head, values in stale().items()}) == ()
     rounded = {head: np.round(values, 4) if head[1:] == "'" else values for head, values in series().items()}
-    assert not any("row before" in remark for remark in remarks(tmp_path, rounded))
+    for order in (np.arange(15), *(np.random.default_rng(seed).permutation(15) for seed in range(6))):
+        found = remarks(tmp_path, {head: values[order] for head, values in rounded.items()})
+        assert not any("row before" in remark for remark in found)
 
 
 def test_a_force_of_another_sign_in_a_short_table_is_named(tmp_path):
