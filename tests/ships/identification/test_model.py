@@ -174,7 +174,7 @@ class TestHeldOutWeights:
                 for (weight, fit), out in zip(sets, held, strict=True)
             ]
             folds = [(one, one.held_out, 0) for one in found]
-            return ship_model._forecast_of_run(0, "1", training, folds, {}, np.random.default_rng(2))()
+            return ship_model._forecast_of_run(0, "1", training, folds, {}, np.random.default_rng(2))
 
         alone, together = rows((1.0, good)), rows((0.5, good), (0.495, good), (0.005, wild))
         assert [row["index"] for row in together] == [row["index"] for row in alone] == scored_upright(RUNS[0])

@@ -7,7 +7,6 @@ indices of held-out manoeuvres beyond it.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 import xarray as xr
@@ -19,7 +18,6 @@ from pymc_ship.inference.trajectory.windows import LENGTH, thin_record
 from pymc_ship.machine.arguments import check_callables, check_counts, check_kind, name_list
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError, VesselError
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.machine.threads import map_in_threads
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
@@ -367,21 +365,19 @@ def _validation_rows(
 ) -> tuple[list[dict], list[dict]]:
     """Indices of held-out runs by fits to the others, and of harder runs, with ``beyond``, by fits to milder ones."""
     noise = _index_noise(training, rng)
-    forecasts, beyond = [], []
+    rows: list[dict] = []
     for k in range(len(names) if len(names) > 1 else 0):
-        folds = [(one, one.held_out, k) for one in candidates]
-        forecasts.append(_forecast_of_run(k, names[k], training, folds, noise[k], rng))
-    n_held_out = len(forecasts)
+        rows += _forecast_of_run(k, names[k], training, [(one, one.held_out, k) for one in candidates], noise[k], rng)
+    harder_rows: list[dict] = []
     milder = [trial for k, trial in enumerate(training.trials) if k not in training.harder]
     for fold, k in enumerate(training.harder):
         folds = [(one, one.milder, fold) for one in candidates if one.milder is not None]
         vessel = folds[0][0].vessel
         motion = _motion(replace(training, trials=milder), vessel, None)
-        beyond.append(float(np.nanmax(extrapolation(vessel, training.trials[k], motion)["distance"])))
-        forecasts.append(_forecast_of_run(k, names[k], training, folds, noise[k], rng))
-    rows = map_in_threads(lambda forecast: forecast(), forecasts)
-    harder_rows = zip(rows[n_held_out:], beyond, strict=True)
-    return [*chain(*rows[:n_held_out])], [row | {"beyond": far} for of_run, far in harder_rows for row in of_run]
+        beyond = float(np.nanmax(extrapolation(vessel, training.trials[k], motion)["distance"]))
+        forecasts = _forecast_of_run(k, names[k], training, folds, noise[k], rng)
+        harder_rows += [row | {"beyond": beyond} for row in forecasts]
+    return rows, harder_rows
 
 
 def _forecast_of_run(
@@ -391,19 +387,18 @@ def _forecast_of_run(
     folds: Sequence[tuple[Candidate, CrossValidation, int]],
     noise: Mapping[str, float],
     rng: np.random.Generator,
-) -> Callable[[], list[dict]]:
-    """Call of :func:`.forecast_rows` of run k, by each candidate's fit of a fold; no rows of an unknown manoeuvre."""
+) -> list[dict]:
+    """Rows of :func:`.forecast_rows` of run k, by each candidate's fit of a fold; none of an unknown manoeuvre."""
     trial, manoeuvre = training.trials[k], training.manoeuvres[k]
     if manoeuvre is None:
-        return list
+        return []
     gear, models, weights = training.facilities[facility_of(trial)], [], []
     for candidate, validation, fold in folds:
         if candidate.weight > _COUNTED:
             draws = validation.draws(fold, _FORECASTS, rng)
             models.append((with_steering(candidate.vessel, gear), np.vstack([validation.coefficients[fold], draws])))
             weights.append(candidate.weight)
-    shares = np.array(weights) / np.sum(weights)
-    return lambda: forecast_rows(name, trial, manoeuvre, models, shares, noise)
+    return forecast_rows(name, trial, manoeuvre, models, np.array(weights) / np.sum(weights), noise)
 
 
 def _harder_runs(trials: Sequence[xr.Dataset], vessel: Vessel) -> tuple[int, ...]:
