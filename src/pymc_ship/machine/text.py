@@ -35,7 +35,7 @@ def file_text(path: str | Path) -> str:
         raw = _begin(stream)
         raw += stream.read(MOST_BYTES + 1 - len(raw))
         if len(raw) > MOST_BYTES:
-            raise TextError(f"its text has more than {MOST_BYTES / 1e6:.0f} MB; split it, or leave out columns or rows")
+            raise _too_large(MOST_BYTES)
         return utf8(raw)
 
 
@@ -76,6 +76,10 @@ def _opened(path: str | Path) -> Iterator[io.BufferedIOBase]:
         raise TextError(f"{error.strerror or error}; check the path") from None
 
 
+def _too_large(most: int) -> TextError:
+    return TextError(f"its text has more than {most / 1e6:.0f} MB; split it, or leave out columns or rows")
+
+
 def _begin(stream: io.BufferedIOBase) -> bytes:
     """First bytes of a text, whose first line ends among them."""
     raw = stream.read(LONGEST_LINE + 1)
@@ -91,9 +95,7 @@ def _raw_blocks(stream: io.BufferedIOBase) -> Iterator[bytes]:
     while more := stream.read(_BLOCK):
         raw, size = raw + more, size + len(more)
         if size > MOST_BLOCKS:
-            raise TextError(
-                f"its text has more than {MOST_BLOCKS / 1e6:.0f} MB; split it, or leave out columns or rows"
-            )
+            raise _too_large(MOST_BLOCKS)
         end = max(raw.rfind(b"\n"), -1 if b"\n" in raw else raw.rfind(b"\r", 0, -1)) + 1
         if len(raw) - end > _BLOCK:
             utf8(raw)  # says what a file without lines is, if it is no text

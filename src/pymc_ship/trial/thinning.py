@@ -15,8 +15,8 @@ MOST_ROWS = 400_000
 MOST_CELLS = 24_000_000
 """Cells of a table that is not thinned."""
 
+LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 _MOST_THINNED = 8_000_000  # cells of a table that is thinned
-_LARGEST = 1e30  # numbers from here up count as missing
 
 
 class Thinning(NamedTuple):
@@ -79,7 +79,7 @@ def thinned(columns: Sequence[Cells], plan: Thinning) -> list[Cells]:
 def _known(cells: Cells) -> np.ndarray:
     """Mask of the cells that are not missing."""
     if isinstance(cells, Numbers):
-        return np.abs(cells.values) < _LARGEST
+        return np.abs(cells.values) < LARGEST
     return np.array([cell.strip().lower() not in MISSING_CELLS for cell in cells], dtype=bool)
 
 

@@ -73,6 +73,11 @@ def fraction_columns(headings: Sequence[str]) -> dict[int, tuple[int, int]]:
     return found
 
 
+def stamp_parts(headings: Sequence[str]) -> set[int]:
+    """Columns of the parts of a date and time, and of stamps with their milli- or nanoseconds beside them."""
+    return {*date_columns(headings)}.union(*((k, more) for k, (more, _) in fraction_columns(headings).items()))
+
+
 def thinning(headings: Sequence[str], chosen: Mapping[str, Mapping[str, Any]], every: int) -> Thinning:
     """Thinning of a table with these headings; ``chosen`` are the columns of a format by channel."""
     named = {name: entry["column"].strip() for name, entry in chosen.items()}
@@ -81,8 +86,7 @@ def thinning(headings: Sequence[str], chosen: Mapping[str, Mapping[str, Any]], e
         stated = {named[name] for name in names if name in named}
         return {k for k, one in enumerate(headings) if one in stated or {c.name for c in channels_of(one)} & {*names}}
 
-    parts = {*date_columns(headings)}.union(*((k, more) for k, (more, _) in fraction_columns(headings).items()))
-    return Thinning(every, frozenset(parts | columns_of(TIME.name)), frozenset(columns_of(*_TURNING)))
+    return Thinning(every, frozenset(stamp_parts(headings) | columns_of(TIME.name)), frozenset(columns_of(*_TURNING)))
 
 
 def with_fraction(stamp: str, fraction: str, digits: int) -> str:

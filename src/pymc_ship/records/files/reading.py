@@ -86,13 +86,12 @@ from pymc_ship.trial.cells import (
 )
 from pymc_ship.trial.channels import CHANNELS, TIME
 from pymc_ship.trial.record import ASSUMED, AXES, OVER_GROUND, SETTINGS, rudder_line
-from pymc_ship.trial.thinning import MOST_ROWS
+from pymc_ship.trial.thinning import LARGEST, MOST_ROWS
 
 _LONGEST_STAMP = 40  # letters
 _FIRST_LINES = 200  # that may come before the rows, and by which a long log is known
 _SIDES = ("port", "starboard")
 _REPEATED = 1.5  # rows of one stamp, in the mean, from which another clock precedes
-_LARGEST = 1e30  # numbers from here up count as missing, numbers below its inverse as zero
 
 
 def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -425,9 +424,9 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
                 f"{cell!r}{' ' if marked else '; '}{remedy}."
             )
         values = cells.values if isinstance(cells, Numbers) else np.array(parsed, dtype=float)
-        numbers[name] = np.where(np.abs(values) < _LARGEST, values, np.nan)
-        small = (numbers[name] != 0.0) & (np.abs(numbers[name]) < 1.0 / _LARGEST)
+        numbers[name] = np.where(np.abs(values) < LARGEST, values, np.nan)
+        small = (numbers[name] != 0.0) & (np.abs(numbers[name]) < 1.0 / LARGEST)
         numbers[name][small] = 0.0
         if small.any():
-            notes.append(f"{int(small.sum())} cells of {name}, all within {1.0 / _LARGEST:g} of zero, read as 0.")
+            notes.append(f"{int(small.sum())} cells of {name}, all within {1.0 / LARGEST:g} of zero, read as 0.")
     return numbers, [*notes, *without_stand_ins(columns, numbers)]

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.records.files.clock import date_columns, fraction_columns, thinning
+from pymc_ship.records.files.clock import stamp_parts, thinning
 from pymc_ship.records.files.columns import OF_CLOCK, channels_of, is_unit
 from pymc_ship.records.files.format import TrialFormat
 from pymc_ship.records.files.tables import check_size
@@ -205,7 +205,7 @@ def _check_widths(part: _Rows, widths: np.ndarray, n: int, delimiter: str, path:
 
 def _cells(texts: Sequence[str], delimiter: str, headings: Sequence[str]) -> list[Cells]:
     """Cells of each column of some rows; parts of a stamp are text, whose zeros count."""
-    parts = {*date_columns(headings)}.union(*((k, more) for k, (more, _) in fraction_columns(headings).items()))
+    parts = stamp_parts(headings)
     rows = (cells_of_line(text, delimiter) for text in texts)
     blocks = (list(zip(*block, strict=False)) for block in batched(rows, _BLOCK))
     numbers = number_columns(blocks, [k for k in range(len(headings)) if k not in parts])
