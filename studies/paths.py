@@ -189,7 +189,7 @@ def _trajectories(runs: _Runs) -> Iterator[Estimated]:
     whole = fit_windows([window for run in runs.windows for window in run], runs.vessel, runs.prior, start)
     for k in range(len(runs.windows)):
         windows = [window for run in _without(runs.windows, k) for window in run]
-        yield fit_windows(windows, runs.vessel, runs.prior, whole.coefficients, whole.effective_sd)
+        yield fit_windows(windows, runs.vessel, runs.prior, whole)
 
 
 _ESTIMATES: dict[str, Callable[[_Runs], Iterator]] = {

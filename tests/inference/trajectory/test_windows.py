@@ -250,7 +250,7 @@ def many_fits(container):
     ship, reference, windows = tiny(container)
     prior, rng = wide_prior(reference), np.random.default_rng(8)
     sets = [with_errors(windows, rng, 0.9) for _ in range(N_SETS)]
-    return reference, [fit_windows(noisy, ship, prior, reference, ERROR) for noisy in sets]
+    return reference, [fit_windows(noisy, ship, prior, reference) for noisy in sets]
 
 
 class TestConflict:
@@ -262,7 +262,7 @@ class TestConflict:
         noisy, known = with_errors(windows, np.random.default_rng(3), 0.9), wide_prior(reference, 0.1)
         off = known.scale * [20.0 * (name == "Nv") for name in coefficient_names(ship)]
         planted = replace(known, mean=known.mean + off)
-        return [fit_windows(noisy, ship, prior, reference, ERROR) for prior in (known, planted)]
+        return [fit_windows(noisy, ship, prior, reference) for prior in (known, planted)]
 
     def test_a_prior_that_the_windows_contradict_has_little_weight(self, container):
         right, planted = self.fits(container)
@@ -358,7 +358,7 @@ class TestWithAPrior:
         prior = replace(wide_prior(reference), scale=sd, unit=sd)
         rng = np.random.default_rng(8)  # the first data sets again
         sets = [with_errors(windows, rng, 0.9) for _ in range(self.N_SETS)]
-        combined = np.array([fit_windows(noisy, ship, prior, reference, ERROR).coefficients for noisy in sets])
+        combined = np.array([fit_windows(noisy, ship, prior, reference).coefficients for noisy in sets])
         x, y = ((rows - reference) / sd for rows in (alone[: self.N_SETS], combined))
         return np.sum(x * y) / np.sum(x**2)
 
@@ -403,3 +403,43 @@ def test_draws_have_the_mean_and_covariance_of_the_fit():
     assert np.max(np.abs(white.mean(axis=1))) < 4.0 / np.sqrt(n)
     assert np.max(np.abs(np.cov(white) - np.eye(3))) < 4.0 * np.sqrt(2.0 / n)
     assert np.max(np.abs(np.cov(2.0 * white) - np.eye(3))) > 1.0
+
+
+@pytest.fixture(scope="module")
+def without_half(container):
+    """Half of noisy windows, ship, a prior that they contradict, and the fit to all windows."""
+    ship, reference, windows = tiny(container)
+    noisy, known = with_errors(windows, np.random.default_rng(3), 0.9), wide_prior(reference, 0.1)
+    prior = replace(known, mean=known.mean + 20.0 * known.scale * (np.array(coefficient_names(ship)) == "Nv"))
+    return noisy[: N_WINDOWS // 2], ship, prior, fit_windows(noisy, ship, prior, reference)
+
+
+class TestConvergence:
+    """A fit to half of the windows from the fit to all."""
+
+    @staticmethod
+    def distance(fit, other):
+        """Largest difference of a coefficient [sd]."""
+        return np.max(np.abs(fit.coefficients - other.coefficients) / np.sqrt(np.diag(other.covariance)))
+
+    def test_it_ends_at_the_mode(self, without_half, monkeypatch):
+        windows, ship, prior, whole = without_half
+        fit = fit_windows(windows, ship, prior, whole)
+        with monkeypatch.context() as patch:
+            for name, value in {"_CHANGE": 1e-9, "_CONVERGED": 1e-6, "_PASSES": 100}.items():
+                patch.setattr(window_fit, name, value)
+            mode = fit_windows(windows, ship, prior, whole.coefficients)
+        assert self.distance(whole, mode) > 0.5
+        assert self.distance(fit, mode) < 0.05
+        size = np.sqrt(np.diag(mode.covariance))
+        np.testing.assert_allclose(
+            fit.covariance / np.outer(size, size), mode.covariance / np.outer(size, size), atol=0.05
+        )
+
+    def test_a_start_has_the_initial_states_of_its_runs(self, without_half):
+        windows, ship, prior, whole = without_half
+        problem = initial_problem([window.run for window in windows[::-1]], ship, prior)
+        begin, n = window_fit._unknowns_of(whole.mode, problem), whole.coefficients.size
+        states = whole.mode.unknowns[n:].reshape(N_WINDOWS, -1)[: len(windows)]
+        np.testing.assert_array_equal(begin[n:].reshape(len(windows), -1), states[::-1])
+        np.testing.assert_array_equal(begin[:n], whole.coefficients)

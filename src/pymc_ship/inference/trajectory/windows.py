@@ -11,9 +11,10 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from pymc_ship.inference.trajectory.fit import TrajectoryFit, fit_trajectory, initial_problem
+from pymc_ship.inference.trajectory.fit import Problem, TrajectoryFit, fit_trajectory, initial_problem, linear_problem
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
+from pymc_ship.inference.trajectory.scale_law import ScaleLaw
 from pymc_ship.machine.errors import FitError, ShipError, TrialError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import recorded_inputs
@@ -31,10 +32,10 @@ _STEPS = 30  # least integration steps in L/U
 _SMOOTHED = 0.5  # L/U, length of the local cubic for the initial state of a window
 _SMOOTHING = 4.0 / np.sqrt(_SMOOTHED)  # its sd at the end of a record, for unit noise and 1 sample in L/U
 _FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # initial sd by unit: fraction of U, of U/L, or rad
-_CHANGE = 1e-2  # convergence of the log posterior
+_CHANGE = 1e-3  # convergence of the log posterior
 _LEAST_SD = 1e-3  # least sd as a fraction of _FIRST_SD
-_PASSES = 10
-_CONVERGED = 0.03
+_PASSES, _CONVERGED = 20, 0.01  # passes, and the change of a log sd that ends them
+_MOST_UPDATES = 200  # of the prior in a pass
 
 
 @dataclass(frozen=True)
@@ -65,13 +66,18 @@ class WindowFit:
     mode: TrajectoryFit | None = None  # with normal priors equivalent to Student's t; None for a law without windows
 
     @property
-    def prior(self) -> CoefficientPrior:
-        """Prior of the fit: the normal prior equivalent to Student's t."""
+    def mode_of_windows(self) -> TrajectoryFit:
+        """The mode; ShipError without windows."""
         if self.mode is None:
             raise ShipError(
                 "The prior is known for a fit to windows, found a normal law without windows; use fit_windows."
             )
-        return self.mode.problem.prior
+        return self.mode
+
+    @property
+    def prior(self) -> CoefficientPrior:
+        """Prior of the fit: the normal prior equivalent to Student's t."""
+        return self.mode_of_windows.problem.prior
 
     @property
     def effective_sd(self) -> dict[str, float]:
@@ -154,14 +160,13 @@ def fit_windows(
     windows: Sequence[Window],
     vessel: Vessel,
     prior: CoefficientPrior,
-    start: np.ndarray,
-    sd: dict[str, float] | None = None,
+    start: np.ndarray | WindowFit,
 ) -> WindowFit:
     """Fit coefficients to windows of one or many trials; FitError when the start diverges or no minimum is reached.
 
-    ``sd``: first guess of the likelihood sd by channel, SI; default: root mean square residual at the start.
+    ``start``: coefficients (n_coefficients,), or a fit to these windows or more.
     """
-    fit, noise_sd, design_effect = _iterated_fit(windows, vessel, prior, start, sd)
+    fit, noise_sd, design_effect = _iterated_fit(windows, vessel, prior, start)
     covariance, n, own = _shared_covariance(fit), fit.problem.n_coefficients, fit.problem.per_run
     # sandwich covariance C (G + P) C (White 1982, doi:10.2307/1912526); windows are clusters
     middles = (_squared_gradients(fit), _prior_precision(fit))
@@ -182,31 +187,64 @@ def fit_windows(
 
 
 def _iterated_fit(
-    windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, start: np.ndarray, sd: dict[str, float] | None
+    windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, start: np.ndarray | WindowFit
 ) -> tuple[TrajectoryFit, np.ndarray, float]:
     """Fit, root mean square residual of each channel (n_channels,) and design effect, iterated to convergence."""
     runs = [window.run for window in windows]
     fixed_prior = prior.fixed
     trial_indices = np.unique([window.trial for window in windows], return_inverse=True)[1]
     problem = replace(initial_problem(runs, vessel, fixed_prior), trial_indices=tuple(trial_indices.tolist()))
-    constants = problem.center[problem.n_coefficients : problem.n_shared]
-    unknowns = np.concatenate([start, constants, *(window.state for window in windows)])
     least = _LEAST_SD * runs[0].sample_sd
-    spread = np.array([sd[name] for name in runs[0].channels]) if sd else _rms_residual(windows, vessel, start)
-    spread, rows = np.maximum(spread, least), None
+    if isinstance(start, WindowFit):
+        spread = np.array([start.effective_sd[name] for name in runs[0].channels])
+        problem = replace(problem, prior=replace(fixed_prior, scale=start.prior.scale))
+        unknowns = _unknowns_of(start.mode_of_windows, problem)
+    else:
+        spread = _rms_residual(windows, vessel, start)
+        unknowns = np.r_[start, problem.center[start.size :]]
+    spread, rows, range_sd, last_change = np.maximum(spread, least), None, 1.0, np.inf
     for _ in range(_PASSES):
         fit = fit_trajectory(problem.with_noise_sd(spread), unknowns, _CHANGE, rows)
         square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
         noise_sd = np.maximum(spread * np.sqrt(square / sum(run.n_blocks for run in runs)), least)
         design_effect = max(_design_effect(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
         ratio, unknowns = noise_sd * np.sqrt(design_effect) / spread, fit.unknowns
-        robust = fixed_prior.as_normal_at(fit.coefficients, fit.sd)
-        changes = np.log(np.r_[ratio, robust.scale / problem.prior.scale])
-        if np.max(np.abs(changes)) < _CONVERGED:
+        robust = _normal_prior(fixed_prior, fit, range_sd)
+        change = np.max(np.abs(np.log(np.r_[ratio, robust.scale / problem.prior.scale])))
+        if change < _CONVERGED:
             break
+        range_sd, last_change = range_sd if change < last_change else 0.5 * range_sd, change
         problem, spread = replace(problem, prior=robust), spread * ratio
         rows = [run.with_noise_times(ratio) for run in fit.point.runs]
     return fit, noise_sd, design_effect
+
+
+def _unknowns_of(mode: TrajectoryFit, problem: Problem) -> np.ndarray:
+    """Unknowns of a problem (n_unknowns,) at the mode of another, which has its runs and maybe more."""
+    unknowns, numbers = problem.center, {id(run): k for k, run in enumerate(mode.problem.runs)}
+    unknowns[: problem.n_coefficients] = mode.coefficients
+    theirs = list(zip(mode.problem.columns, mode.problem.nuisances, strict=True))
+    for run, columns, nuisances in zip(problem.runs, problem.columns, problem.nuisances, strict=True):
+        of_run = theirs[numbers[id(run)]]
+        unknowns[columns], unknowns[nuisances] = (mode.unknowns[indices] for indices in of_run)
+    return unknowns
+
+
+def _normal_prior(prior: CoefficientPrior, fit: TrajectoryFit, range_sd: float) -> CoefficientPrior:
+    """Normal prior equivalent to Student's t at the posterior under it, by the fit linearised over a range [sd]."""
+    without_factors = ScaleLaw(np.empty((prior.mean.size, 0)), np.empty(0), ())
+    linear = linear_problem(fit.problem, without_factors, fit.unknowns, fit.point)[0]
+    before, deviation, sd = fit.problem.prior, linear.mode, fit.sd
+    for _ in range(_MOST_UPDATES):
+        after = prior.as_normal_at(prior.mean + deviation, sd)
+        covariance = linear.covariance(after.scale)
+        deviation = linear.mode + covariance @ (linear.score - linear.mode / after.scale**2)
+        sd = np.sqrt(np.diag(covariance))
+        is_far = np.max(np.abs(deviation - linear.mode) / fit.sd) > range_sd
+        if is_far or np.max(np.abs(np.log(after.scale / before.scale))) < _CHANGE:
+            break
+        before = after
+    return after
 
 
 def _rms_residual(windows: Sequence[Window], vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:

@@ -331,7 +331,7 @@ def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined
     likelihood = joint_likelihood([earlier_likelihood, captive_fit.likelihood if captive_fit else None])
     if likelihood is not None:
         prior = replace(prior, likelihood=likelihood)
-        fit = fit_windows(problem.windows, vessel, prior, fit.coefficients, fit.effective_sd)
+        fit = fit_windows(problem.windows, vessel, prior, fit)
     return _Combined(fit, prior, captive_fit, discrepancy_scales)
 
 
@@ -339,7 +339,7 @@ def _cross_validate(problem: _Problem, combined: _Combined, training: Training) 
     vessel, whole = problem.vessel, combined.fit
 
     def fit(windows: Sequence[Window]) -> WindowFit:
-        return fit_windows(windows, vessel, combined.prior, whole.coefficients, whole.effective_sd)
+        return fit_windows(windows, vessel, combined.prior, whole)
 
     scored_windows = _windows_ahead(training, vessel) if valid_at_any_speed(vessel) else None
     validation = cross_validate(folds(problem.runs), vessel, fit, scored_windows)
