@@ -26,13 +26,17 @@ def vessel():
 
 
 @cache
-def series():
-    """Drift, yaw rate and rudder one at a time, and the straight course: columns of HEADER in their units."""
+def series(beta_off=0.0, delta_off=0.0, rudder=tuple(RUDDER)):
+    """Drift, yaw rate and rudder one at a time, and the straight course: columns of HEADER in their units.
+
+    The model has angles off those of the table [deg].
+    """
     U, L = vessel().particulars.nominal_speed, vessel().particulars.L
     motions = [(beta, 0.0, 0.0) for beta in DRIFT] + [(0.0, 0.0, r) for r in YAW]
-    motions += [(0.0, delta, 0.0) for delta in RUDDER] + [(0.0, 0.0, 0.0)]
+    motions += [(0.0, delta, 0.0) for delta in rudder] + [(0.0, 0.0, 0.0)]
     beta, delta, r = np.array(motions).T
-    motion = {"u": U * np.cos(beta), "v": -U * np.sin(beta), "r": r * U / L, "delta": delta}
+    true = beta + np.deg2rad(beta_off)
+    motion = {"u": U * np.cos(true), "v": -U * np.sin(true), "r": r * U / L, "delta": delta + np.deg2rad(delta_off)}
     X, Y, N = captive_test_forces(vessel(), motion, reference_coefficients(vessel())[None])[0, :3]
     columns = (np.rad2deg(beta), np.rad2deg(delta), r, np.full(r.size, U), np.full(r.size, 1.513), X, Y, N)
     return dict(zip(HEADER, columns, strict=True))
@@ -149,8 +153,17 @@ def stale(*forces):
     return columns
 
 
-def tare(force):
-    return changed(**{force: lambda values: values + 0.2 * np.abs(values).max()})
+def tare(force, part=0.2):
+    return changed(**{force: lambda values: values + part * np.abs(values).max()})
+
+
+MORE_RUDDER = tuple(np.deg2rad([-30.0, -20.0, -10.0, 10.0, 20.0, 30.0]))
+
+
+def rudder_off():
+    """The series with rudder angles 2 deg above the true ones."""
+    columns = series(rudder=MORE_RUDDER)
+    return columns | {"delta [deg]": columns["delta [deg]"] + 2.0}
 
 
 DOUBTED = [
@@ -167,6 +180,13 @@ DOUBTED = [
     (lambda: stale(*"XYN"), "N' of captive test 8 is that of the row before"),
     (lambda: tare("Y"), "Y' .* straight ahead, as at a drift angle of 2.. deg: check the zeros"),
     (lambda: tare("N"), "N' .* straight ahead, as at a drift angle of 3.. deg: check the zeros"),
+    (lambda: tare("Y", 0.1), "Y' .* straight ahead, as at a drift angle of 1.. deg: check the zeros of the balance"),
+    (lambda: tare("N", 0.1), "N' .* straight ahead, as at a drift angle of 1.. deg: check the zeros of the balance"),
+    (lambda: series(beta_off=1.0), "Y' .* straight ahead, as at a drift angle of 1.. deg: .* of beta and of delta"),
+    (lambda: series(beta_off=1.0), "N' .* straight ahead, as at a drift angle of 0.9.? deg"),
+    (lambda: changed(b=lambda values: values + 1.0), "Y' .* straight ahead, as at a drift angle of -(1|0.9.) deg"),
+    (lambda: series(delta_off=2.0, rudder=MORE_RUDDER), "least resistance at a rudder angle of -1.. deg instead of 0"),
+    (rudder_off, "least resistance at a rudder angle of 2 deg instead of 0: check the zero of delta"),
 ]
 
 
@@ -185,6 +205,8 @@ def test_usual_tests_are_not_named(tmp_path):
     assert remarks(tmp_path, stale()) == ()
     assert remarks(tmp_path, {head: np.repeat(values, 2) for head, values in stale().items()}) == ()
     rounded = {head: np.round(values, 4) if head[1:] == "'" else values for head, values in series().items()}
+    right_about_1_deg = series(beta_off=-1.0) | {"beta [deg]": series()["beta [deg]"] - 1.0}
+    assert remarks(tmp_path, right_about_1_deg) == ()
     for order in (np.arange(15), *(np.random.default_rng(seed).permutation(15) for seed in range(6))):
         found = remarks(tmp_path, {head: values[order] for head, values in rounded.items()})
         assert not any("row before" in remark for remark in found)

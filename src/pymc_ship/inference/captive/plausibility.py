@@ -8,6 +8,7 @@ import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.forces.hull_database import bare_hull
+from pymc_ship.physics.forces.screw import SIDE_FORCE
 from pymc_ship.physics.forces.terms import SYMBOLS, evaluate
 from pymc_ship.physics.vessel.hull_database import SLENDER_DRAUGHT
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -18,7 +19,9 @@ _RATIO = 5.0  # largest ratio, either way, of a measured force to that of a simi
 _USUAL = 1.5  # the same, from which a force of a motion is doubted
 _RUDDER_DRAG = 0.25, 1.0  # range of -X' / (Y' tan delta) of a rudder: (1 - t_R) / (1 + a_H) and its own drag
 _ERRORS = 5.0  # standard errors of a finding
-_OFF_ZERO = np.deg2rad(1.5)  # drift angle of a similar hull with the force of the straight course, a doubt from there
+_ASYMMETRY = 5.0  # sd of the side force of a propeller, from which Y' and N' of the straight course are doubted
+_LEAST_OFF = np.deg2rad(1.0)  # rudder angle of least resistance, a doubt from there
+_MOST_OFF = np.deg2rad(3.0)  # angle, or r', up to which the centre of a table is an offset
 _REPEATED, _MOST = 2, 0.05  # number of repeated forces, or fraction of the tests, up to which they are no rounding
 _REVOLUTIONS = 10.0  # largest ratio, either way, of the revolutions to the nominal ones
 _LEAST_RUDDER = np.deg2rad(1.0)  # a smaller largest rudder angle is probably a value in rad under deg
@@ -190,7 +193,7 @@ def captive_doubts(tests: xr.Dataset, vessel: Vessel) -> tuple[str, ...]:
 
     ``tests`` are as from :func:`pymc_ship.read_captive`.
     """
-    doubts = []
+    doubts, pairs = [], _mirrored(tests, vessel)
     for one in _all_series(tests, vessel):
         hull = _hull(vessel, one.quantity, one.values) if one.quantity != "delta" else {}
         compared = {name: one.forces[name] for name in ("YN" if one.quantity == "v" else "N") if name in one.forces}
@@ -201,9 +204,7 @@ def captive_doubts(tests: xr.Dataset, vessel: Vessel) -> tuple[str, ...]:
             rows, more = _rudder_drag(tests, one)
             Y = one.forces["Y"][np.isin(one.rows, rows)] * np.tan(tests["delta"].values[rows])
             doubts.append(_unusual_drag(*_line(-more, Y[:, None])) if rows.size >= _FEWEST else "")
-        if one.quantity == "v":
-            doubts += _off_zero(tests, vessel, one)
-    return (*filter(None, doubts), *_stale(tests, vessel))
+    return (*filter(None, doubts), *_off_zero(pairs, vessel), *_rudder_off_zero(pairs), *_stale(tests, vessel))
 
 
 def _line(measured: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
@@ -213,22 +214,83 @@ def _line(measured: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
     return float(values[-1]), float(_ERRORS * np.sqrt(variance * np.linalg.pinv(columns.T @ columns)[-1, -1]))
 
 
-def _off_zero(tests: xr.Dataset, vessel: Vessel, drift: _Series) -> list[str]:
-    """Sentences on Y' and N' that the tests in drift have straight ahead."""
-    rows, sentences = np.concatenate([drift.rows, drift.straight]), []
-    v = np.concatenate([drift.values, np.zeros(drift.straight.size)])
-    usual = _hull(vessel, "v", np.array([_OFF_ZERO]))
-    for name, hull in _hull(vessel, "v", v).items() if rows.size > _FEWEST else ():
-        if name not in tests:
-            continue
-        zero, error = _line(tests[name].values[rows], np.column_stack([hull, np.ones(v.size)]))
-        off = _OFF_ZERO * zero / usual[name][0]
-        if abs(off) > _OFF_ZERO and abs(zero) > error:
-            sentences.append(
-                f"{name}' of the captive tests in drift is {zero:.3g} straight ahead, as at a drift angle of "
-                f"{np.rad2deg(abs(off)):.2g} deg: check the zeros of the balance and of beta."
-            )
-    return sentences
+class _Mirrored(NamedTuple):
+    """Pairs of tests of opposite drift, r' and delta: half sum and difference of their forces, prime at nominal speed.
+
+    They mirror each other about the centre of the table, which is its own mirror.
+    """
+
+    motion: np.ndarray  # (n_pairs, 3), from the centre
+    centre: np.ndarray  # beta, r', delta; 0 but for an offset
+    weight: np.ndarray  # (U / U_nom)^2
+    half_sum: dict[str, np.ndarray]
+    half_difference: dict[str, np.ndarray]
+
+
+def _centre(values: np.ndarray) -> float:
+    """Small value that a table has twice as often as any other, otherwise 0."""
+    rounded, group, counts = np.unique(np.round(values, 4), return_inverse=True, return_counts=True)
+    most = int(counts.argmax())
+    often = counts[most] >= 2 * np.delete(counts, most).max(initial=1) and abs(rounded[most]) < _MOST_OFF
+    return float(values[group.ravel() == most].mean()) if often else 0.0
+
+
+def _mirrored(tests: xr.Dataset, vessel: Vessel) -> _Mirrored:
+    u, v = tests["u"].values, tests["v"].values
+    n = tests["n"].values / np.abs(tests["n"].values).max() if "n" in tests else np.ones(u.size)
+    ahead = (u > 0.0) & (np.abs(v) < _MOST_DRIFT * u) & (n > 0.0)
+    motion = np.column_stack(list((_prime_motion(tests, vessel) | {"v": np.arctan2(-v, u)}).values()))
+    centre = np.array([_centre(values) for values in motion.T])
+    settings = [motion - centre, np.hypot(u, v) / vessel.particulars.nominal_speed, n]
+    motions, group = np.unique(np.round(np.column_stack(settings)[ahead], 3) + 0.0, axis=0, return_inverse=True)
+    row, size = {tuple(values): k for k, values in enumerate(motions)}, np.bincount(group.ravel())
+    mirrors = np.array([row.get((*(0.0 - values[:3]), *values[3:]), -1) for values in motions], dtype=int)
+    first = np.flatnonzero(mirrors >= np.arange(mirrors.size))
+    second, weight = mirrors[first], motions[first, 3] ** 2
+    means = {name: np.bincount(group.ravel(), tests[name].values[ahead]) / size for name in _FORCES if name in tests}
+    sums = {name: 0.5 * weight * (forces[first] + forces[second]) for name, forces in means.items()}
+    differences = {name: 0.5 * weight * (forces[first] - forces[second]) for name, forces in means.items()}
+    return _Mirrored(motions[first, :3], centre, weight, sums, differences)
+
+
+def _off_zero(pairs: _Mirrored, vessel: Vessel) -> list[str]:
+    """Sentences on Y' and N' of the straight course: a mean of mirrored tests beyond the side force of a propeller."""
+    n_pairs, draught_ratio = len(pairs.motion), _draught(vessel) / vessel.particulars.L
+    slopes = {name: force[0] / _SMALL for name, force in _hull(vessel, "v", np.array([-_SMALL])).items()}
+    zeros = {}
+    for name in (name for name in SIDE_FORCE if name in pairs.half_sum and n_pairs >= _FEWEST):
+        zero, error = _line(pairs.half_sum[name], np.ones((n_pairs, 1)))
+        zeros[name] = zero - slopes[name] * pairs.centre[0], error
+    sizes = {name: zero / (SIDE_FORCE[name] * draught_ratio) for name, (zero, _) in zeros.items()}
+    if np.hypot(*(sizes.get(name, 0.0) for name in SIDE_FORCE)) < _ASYMMETRY or pairs.centre[1:].any():
+        return []
+    return [
+        f"{name}' of the captive tests is {zero:.3g} straight ahead, as at a drift angle of "
+        f"{np.rad2deg(zero / slopes[name]):.2g} deg: check the zeros of the balance, of beta and of delta."
+        for name, (zero, error) in zeros.items()
+        if abs(zero) > error and abs(sizes[name]) > 1.0
+    ]
+
+
+def _rudder_off_zero(pairs: _Mirrored) -> list[str]:
+    """Sentence on the rudder angle of least resistance: X' = -drag sin^2(delta - off), to first order in off."""
+    rudder = np.sin(pairs.motion[:, 2])
+    alone, moved = np.all(pairs.motion[:, :2] == 0.0, axis=1), np.any(pairs.motion != 0.0, axis=1)
+    if "X" not in pairs.half_sum or np.sum(alone & moved) < _FEWEST:
+        return []
+    steady = np.column_stack([np.ones(alone.sum()), pairs.weight[alone], rudder[alone] ** 2])
+    drag, drag_error = _line(-pairs.half_sum["X"][alone], steady)
+    if drag < drag_error:
+        return []
+    rows = moved & (alone | (rudder == 0.0))  # those without rudder add to the error alone
+    off, error = _line(pairs.half_difference["X"][rows], 2.0 * drag * rudder[rows, None])
+    least = off + pairs.centre[2]
+    if abs(least) < max(_LEAST_OFF, error):
+        return []
+    return [
+        f"X' of the captive tests has its least resistance at a rudder angle of {np.rad2deg(least):.2g} deg instead of "
+        "0: check the zero of delta."
+    ]
 
 
 def _unusual(forces: str, series: _Series, ratio: float) -> str:
@@ -278,11 +340,15 @@ def _hull(vessel: Vessel, quantity: str, values: np.ndarray) -> dict[str, np.nda
     for letter in "YN":
         known = {
             name[1:]: law[0]
-            for name, law in bare_hull(s.L, s.B, s.d or SLENDER_DRAUGHT * s.L, s.volume).items()
+            for name, law in bare_hull(s.L, s.B, _draught(vessel), s.volume).items()
             if name[0] == letter and set(name[1:]) == {quantity}
         }
         forces[letter] = evaluate(tuple(known), motion) @ np.array(list(known.values()))
     return forces
+
+
+def _draught(vessel: Vessel) -> float:
+    return vessel.particulars.d or SLENDER_DRAUGHT * vessel.particulars.L
 
 
 def _ratio(measured: np.ndarray, expected: np.ndarray) -> float:
@@ -364,7 +430,7 @@ def _rudder(forces: Mapping[str, np.ndarray], delta: np.ndarray, vessel: Vessel)
 
 
 def _scale_sentence(force: str, ratio: float, vessel: Vessel, motion: str) -> str:
-    slenderness = vessel.particulars.L / (vessel.particulars.d or SLENDER_DRAUGHT * vessel.particulars.L)
+    slenderness = vessel.particulars.L / _draught(vessel)
     reasons = {
         slenderness: 'the forces are over L d: set frame.forces = "Ld" in a format file',
         1.0 / slenderness: 'the forces are over L2: set frame.forces = "L2" in a format file',

@@ -13,12 +13,13 @@ from pymc_ship.physics.forces.part import Expressions, Force, Motion, Parameter,
 
 X_P = -0.48  # longitudinal position of the propeller [L]
 NOMINAL_REVOLUTIONS = "n_0"  # parameter that corrects the nominal revolutions of the vessel file
+SIDE_FORCE = {"Y": 1e-3, "N": 5e-4}  # sd of the force and moment of a propeller ahead, over rho/2 L d U^2
 _TURNING = "right-handed screw, by judgement"
 _B_SERIES = "ten propellers of the Wageningen B-series (Roddy, Hess & Faller 2006, NSWCCD-50-TR-2006/004)"
 
 
 def _parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
-    draught_ratio = ship.d / ship.L
+    side_force = {name: sd * ship.d / ship.L for name, sd in SIDE_FORCE.items()}
     n_sd, wake_sd, n_source, wake_source = 0.1, 0.04, "vessel file", "vessel file"
     if not ship.propeller_known:
         n_sd, wake_sd, n_source, wake_source = 0.3, 0.08, "thrust of a typical propeller", "Taylor, w = 0.5 C_B - 0.05"
@@ -28,8 +29,8 @@ def _parameters(ship: ShipDimensions) -> tuple[Parameter, ...]:
         Parameter("w0", ship.wake, wake_sd, wake_source, "wake fraction", per_facility=True),
         Parameter("C2", 1.4, 0.25, f"{MMG}, 1.6 and 1.1", "wake by drift"),
         Parameter("dC2", 0.0, 0.15, "half the difference between the sides", "wake by drift", per_facility=True),
-        Parameter("Y_P", 0.0, 1e-3 * draught_ratio, "none on average", "at nominal thrust", per_facility=True),
-        Parameter("N_P", 0.0, 5e-4 * draught_ratio, "none on average", "at nominal thrust", per_facility=True),
+        Parameter("Y_P", 0.0, side_force["Y"], "none on average", "at nominal thrust", per_facility=True),
+        Parameter("N_P", 0.0, side_force["N"], "none on average", "at nominal thrust", per_facility=True),
         Parameter("T_nn", 0.6, 0.2, astern, "over k_0"),
         Parameter("T_nu", 0.6, 0.4, f"how way ahead adds to thrust astern, {_B_SERIES}", "over k_0 / J"),
         Parameter("Y_nn", 0.15, 0.15, f"side force astern, {_TURNING}", "over thrust astern"),
