@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -234,3 +236,20 @@ class TestScaling:
 class TestErrors:
     def test_they_are_value_errors(self):
         assert issubclass(InferenceError, ValueError)
+
+
+@pytest.mark.parametrize("split", ["blocks", "random"])
+def test_rows_that_are_held_out_and_fitted_are_named(split):
+    """Rows that stand twice; not a steady course, nor equal rows of rounded values."""
+    rng = np.random.default_rng(3)
+    X, y = rng.normal(size=(60, 2)), rng.normal(size=60)
+    again = np.append(np.arange(60), np.arange(8))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        cross_validation(RegressionData.from_arrays(X[again], y[again]), split=split, rng=rng)
+    assert [str(one.message) for one in caught] == [
+        "Rows held out must not be rows of the fit, found 8 of 68 that repeat another; give each once."
+    ]
+    steady = np.append(np.zeros(8, dtype=int), np.arange(60))
+    cross_validation(RegressionData.from_arrays(X[steady], y[steady]), split=split, rng=rng)
+    cross_validation(RegressionData.from_arrays(np.round(X), np.round(y)), split=split, rng=rng)

@@ -174,6 +174,37 @@ def test_rows_that_all_stand_twice_are_told():
     assert twice.repeated in repr(twice)
 
 
+@pytest.mark.parametrize(
+    ("column", "named"),
+    [
+        (lambda X: X[:, 0], "x1, x3,"),
+        (lambda X: -3.0 * X[:, 1], "x2, x3,"),
+        (lambda X: X[:, 0] + X[:, 1], "x1, x2, x3,"),
+    ],
+    ids=["equal", "multiple", "sum"],
+)
+def test_dependent_columns_are_told(column, named):
+    """The posterior is the prior along their difference; nearly equal columns, and few rows, are not told."""
+    X, y = np.random.default_rng(1).normal(size=(9, 2)), np.arange(9.0)
+    other = column(X)
+    data = ps.RegressionData.from_arrays(np.column_stack([X, other]), y)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ps.ConjugatePrior().exact(data)
+    assert [str(one.message) for one in caught] == [data.dependent]
+    assert f"among {named}" in data.dependent
+    assert data.dependent in repr(data)
+    other = other + 1e-6 * y
+    assert ps.RegressionData.from_arrays(np.column_stack([X, other]), y).dependent == ""
+    assert data.rows(np.arange(2)).dependent == ""
+
+
+def test_two_pairs_of_equal_columns_are_told_apart():
+    X = np.random.default_rng(1).normal(size=(9, 2))
+    data = ps.RegressionData.from_arrays(np.column_stack([X, X]), np.arange(9.0))
+    assert "among x1, x3; and among x2, x4, along" in data.dependent
+
+
 @pytest.mark.parametrize("label", [{"weights": np.ones(9)}, {"dof": 3}, {"fixed": {"x1": 1.0}}])
 def test_labels_of_rows_are_known_texts(label):
     X, y = np.random.default_rng(1).normal(size=(9, 2)), np.arange(9.0)

@@ -1,5 +1,6 @@
 """K-fold cross-validation of a prior: expected log predictive density (elpd) of held-out rows."""
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,8 +77,26 @@ def cross_validation(
             "Rows held out must not reach a fit, found a response that depends on all rows in "
             f"{short_repr(data.formula.text)}; take a response of each row by itself, and scaling='zscore'."
         )
+    if shared := _repeated_rows(data):
+        warnings.warn(
+            f"Rows held out must not be rows of the fit, found {shared} of {data.n_rows} that repeat another; give "
+            "each once.",
+            UserWarning,
+            stacklevel=2,
+        )
     held_out = [np.sort(data.order[rows]) for rows in fold_rows(data.n_rows, folds, split=split, rng=rng)]
     training = tuple(data.rescaled_rows(np.setdiff1d(np.arange(data.n_rows), rows)) for rows in held_out)
     for rows in training:
         _ = rows.svd
     return CrossValidation(training, tuple(data.rows(rows) for rows in held_out))
+
+
+def _repeated_rows(data: RegressionData) -> int:
+    """Number of rows that repeat another; 0 if responses of other columns are as often equal, as if rounded."""
+    rows = np.column_stack([data.design_matrix, data.response])[data.order]
+    rows = rows[np.append(True, np.any(np.diff(rows, axis=0) != 0.0, axis=1))]  # a steady course repeats its row
+    responses = len(np.unique(rows[:, -1]))
+    if responses == len(rows):  # without a sort of whole rows
+        return 0
+    different = len(np.unique(rows, axis=0))
+    return len(rows) - different if len(rows) - different > different - responses else 0

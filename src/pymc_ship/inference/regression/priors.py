@@ -334,7 +334,7 @@ def check_prior(prior: object, data: object, *, own: str = "") -> None:
 
 
 def warn_of_rows(data: RegressionData, prior: Prior) -> None:
-    """Warn if rows are repeated, or a default prior does not suit the units of columns or response not scaled."""
+    """Warn of repeated rows, dependent columns, or a default prior that does not suit unscaled columns or response."""
     own_kappa = np.ndim(prior.kappa) > 0 or prior.kappa != type(prior).kappa
     text = "" if own_kappa else data.uneven
     own_scale = prior.scale != type(prior).scale
@@ -355,7 +355,7 @@ def warn_of_rows(data: RegressionData, prior: Prior) -> None:
                 f"the response, {math.sqrt(columns):.2g} of a row of columns); take scaling='zscore', or kappa and "
                 "scale in these units."
             )
-    for fault in filter(None, (text, data.repeated)):
+    for fault in filter(None, (text, data.dependent, data.repeated)):
         warnings.warn(fault, UserWarning, stacklevel=3)
 
 

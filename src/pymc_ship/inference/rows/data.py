@@ -214,7 +214,7 @@ class RegressionData:
             f"  terms     {shorten(', '.join(self.coefficients), 100, placeholder=' ...')}\n"
             f"  columns   {centred}, scales {self.column_scale.min():.4g} to {self.column_scale.max():.4g}\n"
             f"  response  centre {self.response_center:.4g}, scale {self.response_scale:.4g}"
-            + "".join(f"\n  remark    {remark}" for remark in (self.uneven, self.repeated) if remark)
+            + "".join(f"\n  remark    {remark}" for remark in (self.uneven, self.dependent, self.repeated) if remark)
         )
 
     @property
@@ -312,6 +312,22 @@ class RegressionData:
         return (
             f"The columns must be of one size where all have the same prior, found {names[0]} of {small:.2g} and "
             f"{names[1]} of {large:.2g}; take scaling='zscore' or a kappa for each column."
+        )
+
+    @cached_property
+    def dependent(self) -> str:
+        """Warning about columns of which one is a linear combination of others; else empty."""
+        _, s, right = self.svd
+        null = right[s <= ROUNDING * s[0]]
+        together = np.abs(null.T @ null) > ROUNDING**0.5
+        groups = dict.fromkeys(
+            ", ".join(np.array(self.coefficients)[row]) for row in together if np.count_nonzero(row) > 1
+        )
+        if not groups or self.n_rows < max(self.n_terms, FEWEST_ROWS):
+            return ""
+        return (
+            f"The columns must be linearly independent, found a combination of 0 among {'; and among '.join(groups)}, "
+            "along which the posterior is the prior; leave a term out."
         )
 
     @cached_property
