@@ -3,9 +3,11 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.cli.check import column_rows
 from pymc_ship.cli.main import main
 from pymc_ship.records.files.format import format_text
 from pymc_ship.records.files.reading import read_file
@@ -64,6 +66,43 @@ def test_the_first_minute_needs_no_option(check):
         "IMO MSC.137(76)",
         "verdict",
     ]
+
+
+STAMPS = pd.Timestamp("2024-05-01T08:00:00") + pd.to_timedelta(np.arange(600.0), unit="s")
+CLOCKS = {
+    "s": ("s", np.arange(600.0)),
+    "min": ("min", np.arange(600.0) / 60.0),
+    "spreadsheet": ("days", 45000.0 + np.arange(600.0) / 86400.0),
+    "epoch": ("ms", 1.7e12 + 1e3 * np.arange(600.0)),
+    "dates": ("dates and times", STAMPS.strftime("%Y-%m-%dT%H:%M:%S")),
+    "day": ("hours, minutes and seconds", STAMPS.strftime("%H:%M:%S")),
+    "noon": ("hours, minutes and seconds", STAMPS.strftime("%I:%M:%S %p")),
+    "short": ("minutes and seconds", STAMPS.strftime("%M:%S")),
+    "hhmmss": ("hhmmss", STAMPS.strftime("%H%M%S")),
+    "whole": ("yyyymmddhhmmss", STAMPS.strftime("%Y%m%d%H%M%S")),
+}
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_the_table_has_the_unit_of_the_clock(tmp_path, clock):
+    unit, cells = CLOCKS[clock]
+    angle = 0.05 * np.arange(600.0)
+    table = {"time": cells, "psi [deg]": 10.0 * np.sin(angle), "r [deg/min]": 30.0 * np.cos(angle)}
+    pd.DataFrame(table).to_csv(tmp_path / "run.csv", index=False)
+    reading = read_file(tmp_path / "run.csv")
+    source = "no other stated" if unit == "s" else "its cells"
+    assert column_rows(reading)[0] == ("time", "time", unit, "its name", source)
+    assert column_rows(reading)[2][2] == "deg/min"
+    (tmp_path / "format.toml").write_text(format_text(reading.layout, "check"))
+    assert read_file(tmp_path / "run.csv", tmp_path / "format.toml").trial.equals(reading.trial)
+
+
+def test_the_table_has_the_code_of_a_column(tmp_path):
+    drift = np.arange(60.0)
+    table = {"time": drift, "lat [deg]": 5300.0 + 0.01 * drift, "lon [deg]": 700.0 + 0.01 * drift}
+    pd.DataFrame(table).to_csv(tmp_path / "run.csv", index=False)
+    units = [row[2] for row in column_rows(read_file(tmp_path / "run.csv"))]
+    assert units == ["s", "deg (ddmm)", "deg (ddmm)"]
 
 
 def test_indices_stand_beside_their_limits(check, logged):

@@ -124,6 +124,58 @@ def test_a_record_below_the_bound_is_read_as_it_is(few_rows, tmp_path, monkeypat
     xr.testing.assert_identical(trial, ps.read_trial(tmp_path / "run.csv"))
 
 
+class TestGaps:
+    """The heading falls with the time, also over a gap, and is in every second row: of three and two, one and two.
+
+    A block over a gap would have the time of its middle row, and the heading of the other side.
+    """
+
+    def check(self, path, layout, stamps):
+        table = pd.DataFrame({"time [s]": stamps.round(2), "psi [deg]": -stamps, "u [m/s]": 7.0 + 0.0 * stamps})
+        table.loc[::2, "psi [deg]"] = np.nan
+        WRITERS[layout](table, path)
+        trial = ps.read_trial(path)
+        begin = stamps[2] if layout == "dates" else 0.0
+        np.testing.assert_allclose(-np.rad2deg(trial["psi"]), trial["time"] + begin, atol=0.03)
+
+    @pytest.mark.parametrize("layout", sorted({*WRITERS} - {"blanks"}))
+    @pytest.mark.parametrize("gap", [1.5, 60.0])
+    @pytest.mark.parametrize("side", [4_003, 4_007])
+    def test_no_sample_is_of_both_sides_of_a_gap(self, few_rows, tmp_path, layout, gap, side):
+        stamps = 0.01 * np.arange(ROWS)
+        stamps[side:] += gap
+        self.check(tmp_path / "run", layout, stamps)
+
+    @pytest.mark.parametrize("side", [5_003, 5_007])
+    def test_no_sample_is_of_two_clocks(self, few_rows, tmp_path, side):
+        stamps = 0.01 * np.arange(ROWS)
+        stamps[side:] -= 40.0
+        self.check(tmp_path / "run", "csv", stamps)
+
+    @pytest.mark.parametrize("side", [4_003, 4_007])
+    def test_newest_rows_first(self, few_rows, tmp_path, side):
+        stamps = 0.01 * np.arange(ROWS)[::-1]
+        stamps[:side] += 60.0
+        self.check(tmp_path / "run", "csv", stamps)
+
+    @pytest.mark.parametrize("side", [4_003, 4_007])
+    def test_the_files_of_a_folder_have_gaps_of_their_own(self, few_rows, tmp_path, side):
+        stamps = 0.01 * np.arange(ROWS)
+        late = stamps + 1.5 * (np.arange(ROWS) >= side)
+        gyro = pd.DataFrame({"time [s]": late.round(2), "psi [deg]": -late})
+        gyro.loc[::2, "psi [deg]"] = np.nan
+        csv(gyro, tmp_path / "gyro.csv")
+        csv(pd.DataFrame({"time [s]": stamps.round(2), "u [m/s]": 7.0 + 0.0 * stamps}), tmp_path / "log.csv")
+        trial = ps.read_trial(tmp_path)
+        np.testing.assert_allclose(-np.rad2deg(trial["psi"]), trial["time"], atol=0.03)
+
+    def test_a_clock_of_whole_seconds_has_no_gaps(self, few_rows, tmp_path):
+        table = motion(ROWS)
+        table["time [s]"] = table["time [s]"] // 1.0
+        csv(table, tmp_path / "run.csv")
+        assert "beside gaps" not in ps.read_trial(tmp_path / "run.csv").attrs["reading"]
+
+
 def test_a_vibration_above_the_sampling_is_damped_and_not_folded(few_rows, tmp_path):
     table = motion(ROWS)
     vibration = np.sin(2.0 * np.pi * 0.39 * np.arange(ROWS))

@@ -14,7 +14,7 @@ from pymc_ship.cli.texts import check_text, table_text
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.trial_checks import doubtful_checks, failed_checks
 from pymc_ship.records.checks.verdicts import Check
-from pymc_ship.records.files.columns import nearest_heading
+from pymc_ship.records.files.columns import Column, nearest_heading
 from pymc_ship.records.files.format import format_text
 from pymc_ship.records.files.reading import FileReading, read_file
 from pymc_ship.records.files.ship_scale import ship_scale
@@ -70,7 +70,8 @@ def _remarks(trial: xr.Dataset, checks: Iterable[Check]) -> list[str]:
 def column_rows(reading: FileReading) -> list[tuple[str, str, str, str, str]]:
     """Heading, channel, unit, and what channel and unit are known by, of each column of a file."""
     used = sorted(reading.columns.values(), key=lambda column: column.index)
-    rows = [(one.heading, one.channel, one.unit, one.named_by, one.unit_by) for one in used]
+    units = [one.unit if one.code == Column.code else f"{one.unit} ({one.code})" for one in used]
+    rows = [(one.heading, one.channel, unit, one.named_by, one.unit_by) for one, unit in zip(used, units, strict=True)]
     others = {heading: nearest_heading(heading, reading.columns) for heading in reading.left_out}
     return [*rows, *((heading, "-", "", f"left out{hint}", "") for heading, hint in others.items())]
 

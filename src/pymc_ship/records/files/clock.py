@@ -21,6 +21,7 @@ DAY, WEEK = 86400.0, 604800.0
 _EPOCH = (1e9, 2.6e9)  # s since 1970: September 2001 to 2052
 _EPOCH_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _UNITS = _EPOCH_UNITS | {"min": 60.0, "h": 3600.0, "days": DAY}
+_RESOLUTIONS = _UNITS | dict.fromkeys(("hhmmss", "yyyymmddhhmmss"), 1.0)  # s of 1 in a cell
 _STEPS = (1e-4, 100.0)  # s between samples of an epoch clock
 _LONGEST_STEP = 10.0  # s between samples, from which whole numbers are no seconds
 _FIRST_DAY, _DAY_STEP = 2e4, 2e-4  # days: 1954 in a spreadsheet; 17 s between samples
@@ -58,7 +59,7 @@ _SECONDS = _DATE_PARTS[-1]
 _TURNING = ("psi", "cog", "wind_direction", "longitude")  # channels that jump by a whole turn
 
 Channels = dict[str, np.ndarray]
-Clock = tuple[np.ndarray, np.ndarray, list[str]]  # stamps [s], their resolution [s], sentences
+Clock = tuple[np.ndarray, np.ndarray, str, list[str]]  # stamps [s], their resolution [s], unit in the file, sentences
 
 
 def fraction_columns(headings: Sequence[str]) -> dict[int, tuple[int, int]]:
@@ -151,7 +152,7 @@ def clock_of_text(
     time[known] = seconds
     time, notes = _without_rollovers(time, period, 0.5 * period, begins)
     note = f"time from {column.heading!r}: {kind}, counted from {first}."
-    return time - time[known[0]], quantum, [note, *unit_notes, *notes]
+    return time - time[known[0]], quantum, kind, [note, *unit_notes, *notes]
 
 
 def _without_zone(stamps: list[str]) -> list[str]:
@@ -259,10 +260,10 @@ def clock_of_numbers(
     for read in (_compact_times, _compact_dates, _epoch_seconds):
         clock = read(cells, known, step, column) if known.size > 1 else None
         if clock:
-            time, factor, note, period = clock
+            time, unit, note, period = clock
             first = time[np.isfinite(time)][0]
             time, notes = _without_rollovers(time - first, period, 0.5 * period, begins)
-            return time, factor * quantum, [f"time from {column.heading!r}: {note}", *notes]
+            return time, _RESOLUTIONS[unit] * quantum, unit, [f"time from {column.heading!r}: {note}", *notes]
     unit, notes = (column.unit, []) if column.stated else _probable_unit(cells, step, column, channels)
     factor = column.factor if column.stated else _UNITS[unit]
     time = factor * (column.sign * cells + column.offset)
@@ -274,7 +275,7 @@ def clock_of_numbers(
     if known.size and factor * known[0] > _FAR:
         time = time - factor * known[0]
         notes.append(f"time from {column.heading!r}: counted from its first stamp, {known[0]:.15g} {unit}.")
-    return time, factor * quantum, notes
+    return time, factor * quantum, unit, notes
 
 
 def _step(known: np.ndarray) -> float:
@@ -283,7 +284,7 @@ def _step(known: np.ndarray) -> float:
     return float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
 
 
-Reading = tuple[np.ndarray, float, str, float] | None  # stamps [s], factor of their resolution, kind, period [s]
+Reading = tuple[np.ndarray, str, str, float] | None  # stamps [s], unit in the file, kind, period [s]
 
 
 def _compact_times(cells: np.ndarray, known: np.ndarray, step: float, column: Column) -> Reading:
@@ -298,7 +299,7 @@ def _compact_times(cells: np.ndarray, known: np.ndarray, step: float, column: Co
     if not shown.any() or shown.sum() < 0.5 * full.sum():
         return None
     jump = f"{raw[shown][0]:g} at a full minute are {steps[shown][0]:g} s"
-    return time, 1.0, f"hhmmss, as a step of {jump}; counted from {known[0]:09.2f}.", DAY
+    return time, "hhmmss", f"hhmmss, as a step of {jump}; counted from {known[0]:09.2f}.", DAY
 
 
 def _compact_dates(cells: np.ndarray, known: np.ndarray, step: float, column: Column) -> Reading:
@@ -313,7 +314,8 @@ def _compact_dates(cells: np.ndarray, known: np.ndarray, step: float, column: Co
         return None
     time = np.full(cells.size, np.nan)
     time[np.isfinite(cells)] = np.asarray((dates - dates[0]).dt.total_seconds(), dtype=float) + known % 1.0
-    return time, 1.0, f"dates as yyyymmddhhmmss, counted from {dates[0]:%Y-%m-%d %H:%M:%S}.", np.inf
+    note = f"dates as yyyymmddhhmmss, counted from {dates[0]:%Y-%m-%d %H:%M:%S}."
+    return time, "yyyymmddhhmmss", note, np.inf
 
 
 def _epoch_seconds(cells: np.ndarray, known: np.ndarray, step: float, column: Column) -> Reading:
@@ -325,10 +327,10 @@ def _epoch_seconds(cells: np.ndarray, known: np.ndarray, step: float, column: Co
             import pandas as pd
 
             first = _date_text(pd.Timestamp(round(factor * known[0] * 1e3), unit="ms"))
-            return factor * (cells - known[0]), factor, f"{unit} since 1970, counted from {first}.", np.inf
+            return factor * (cells - known[0]), unit, f"{unit} since 1970, counted from {first}.", np.inf
     if known.min() >= _FIRST_DAY and 0.0 < step < _DAY_STEP and not column.stated:
         note = f"days as in a spreadsheet, counted from {known[0]:.10g}; {_key(column, 's')}"
-        return DAY * (cells - known[0]), DAY, note, np.inf
+        return DAY * (cells - known[0]), "days", note, np.inf
     return None
 
 

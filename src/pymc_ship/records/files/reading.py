@@ -71,7 +71,7 @@ from pymc_ship.records.files.text_rows import (
     plain_heading,
     text_rows,
 )
-from pymc_ship.records.files.time_base import Regular, in_order, regular, rounding
+from pymc_ship.records.files.time_base import Regular, in_order, regular, rounding, without_mixed_medians
 from pymc_ship.trial.cells import (
     MISSING_CELLS,
     Cells,
@@ -136,7 +136,10 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
 
 @dataclass(frozen=True)
 class FileReading:
-    """Trial of a file; the format that reproduces it, columns by channel, and the headings that were left out."""
+    """Trial of a file; the format that reproduces it, columns by channel, and the headings that were left out.
+
+    The column of time has the unit that its cells showed, such as days.
+    """
 
     trial: xr.Dataset
     layout: TrialFormat
@@ -149,7 +152,7 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     path, given = bag_of(as_path("path", path, TrialError)), load_format(format)
     table = _with_whole_stamps(text_table(path, given))
     columns, stated, notes = _chosen_columns(table, given, str(path))
-    (time, channels, time_notes, rows_lost), layout = _time_series(table, columns, stated, path)
+    (time, channels, time_notes, rows_lost), layout, unit = _time_series(table, columns, stated, path)
     notes += time_notes
     for to_ship in (at_origin, with_true_wind):
         channels, changes = to_ship(channels, layout, str(path))
@@ -172,6 +175,8 @@ def read_file(path: str | Path, format: str | Path | Mapping[str, Any] | None = 
     left_out = tuple(heading for k, heading in enumerate(table.headings) if heading and k not in used)
     settings = {"rudder_positive": trial.attrs.get(FOUND, side or "auto")}
     settings |= {"columns": {name: column.choice() for name, column in columns.items()}}
+    if unit != columns["time"].unit:
+        columns = columns | {"time": replace(columns["time"], unit=unit, unit_by="its cells")}
     return FileReading(trial, replace(stated, **settings), columns, left_out)
 
 
@@ -196,8 +201,8 @@ def _chosen_columns(
 
 def _time_series(
     table: TextTable, columns: dict[str, Column], stated: TrialFormat, path: Path
-) -> tuple[Regular, TrialFormat]:
-    """Channels of a table in the units and axes of the package, over uniform time; the format with what they showed."""
+) -> tuple[Regular, TrialFormat, str]:
+    """Channels of a table in SI units and ship axes over uniform time, their format, and the unit of the clock."""
     where, clock, stamps = str(path), columns["time"], _stamps(table, columns["time"])
     numeric = {name: column for name, column in columns.items() if column is not clock or not stamps}
     cells, cell_notes = table_cells(table, numeric, path)
@@ -205,10 +210,14 @@ def _time_series(
     channels, layout, sign_notes = _in_ship_axes(raw, stated, where)
     begins = [*table.begins.values()]
     if stamps:
-        time, quantum, clock_notes = clock_of_text(stamps, table.lines, clock, channels, where, begins)
+        time, quantum, unit, clock_notes = clock_of_text(stamps, table.lines, clock, channels, where, begins)
     else:
-        time, quantum, clock_notes = clock_of_numbers(cells["time"], rounding(cells["time"]), clock, channels, begins)
+        resolution = rounding(cells["time"])
+        time, quantum, unit, clock_notes = clock_of_numbers(cells["time"], resolution, clock, channels, begins)
     check_course(columns, raw, time, where)
+    if table.every > 1:
+        time, gap_notes = without_mixed_medians(time, quantum, begins)
+        clock_notes += gap_notes
     delays = {name: column.delay for name, column in columns.items() if column.delay}
     pairs = [pair for pair, made in PAIRS.items() if made.isdisjoint(columns)]
     raw, pair_notes = brought_together(time, undelayed(raw, time, delays), pairs)
@@ -219,7 +228,7 @@ def _time_series(
         time, quantum, channels = in_order(time, quantum, channels, table.begins)
     series = regular(time, quantum, channels, where)
     notes = [*clock_notes, *cell_notes, *implausible_angles(columns, cells), *sign_notes, *series.notes]
-    return series._replace(notes=notes), layout
+    return series._replace(notes=notes), layout, unit
 
 
 def _in_ship_axes(
@@ -237,7 +246,7 @@ class TextTable:
 
     ``settings``: keys of the format that a file of :func:`pymc_ship.write_trial` states, such as ``facility``.
     ``shows_axes``: whether a file of its kind has axes of its own, that of a logger or of this package. ``begins``: the
-    first row of each file, for a table of several. ``every``: rows of the file of which one is left.
+    first row of each file, for a table of several. ``every``: rows of a file of which one is left, at most.
     """
 
     headings: list[str]
@@ -295,7 +304,8 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
         raise TrialError(f"{folder}: a folder of one run has two files or more, found {len(files)}; name the file.")
     headings, units, clocks = [""], [""], {}
     joined = TextTable(headings, units, columns=[], lines=np.array([], dtype=int), notes=[])
-    stated, size, side, own = layout.columns.get("time", {}).get("column", ""), 0, "", False
+    stated = layout.columns.get("time", {}).get("column", "")
+    side, own, size, every = "", False, 0, 1
     stamps: list[Cells] = []
     placed: list[tuple[Cells, int]] = []  # cells of a file and its first row
     lines: list[np.ndarray] = []
@@ -303,7 +313,7 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
         table = _with_whole_stamps(text_table(file, layout))
         clock, clocks[file.name] = clock_column(table.headings, table.units, stated, str(file), _coarse(table))
         headings[0], units[0] = headings[0] or table.headings[clock], units[0] or table.units[clock]
-        side, own = side or table.rudder_positive, own or table.shows_axes
+        side, own, every = side or table.rudder_positive, own or table.shows_axes, max(every, table.every)
         targets = [k for k, heading in enumerate(table.headings) if heading and k != clock]
         names = [table.headings[k] for k in targets]
         headings += [f"{file.stem}.{name}" if name in headings else name for name in names]
@@ -319,7 +329,8 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
         found = ", ".join(f"{unit or 'no unit'} in {name}" for name, unit in clocks.items())
         raise TrialError(f"{folder}: the time of the files of a run has one unit, found {found}; state the same one.")
     columns = [end_to_end(stamps), *(among_missing(cells, begin, size) for cells, begin in placed)]
-    return replace(joined, columns=columns, lines=np.concatenate(lines), rudder_positive=side, shows_axes=own)
+    joined = replace(joined, columns=columns, lines=np.concatenate(lines), every=every)
+    return replace(joined, rudder_positive=side, shows_axes=own)
 
 
 def _table_of_series(columns: Columns, notes: list[str], every: int) -> TextTable:

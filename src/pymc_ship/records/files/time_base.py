@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from typing import NamedTuple
 
@@ -27,6 +27,7 @@ from pymc_ship.trial.record import is_uniform
 _STRAY_FRACTION = 0.01  # largest fraction of rows out of order that are dropped one by one; more are a new run
 _NEIGHBOURS = 20  # rows before and after a step back that show whether the clock runs on from there
 _REPEATED_FRACTION = 0.1  # of stamps, from which the clock is coarse
+_USUAL = 1.5  # steps of a thinned record, at their 99 % quantile, from which one has a gap
 _FEWEST_DIGITS = 3  # significant digits of a stamp
 _MOST_DECIMALS, _EXACT = 9, 1e15  # of a number that a logger prints, and integers that print as they are
 _FEWEST_STAMPS = 5  # different ones, of as many rows each, that show the interval of the samples
@@ -79,6 +80,30 @@ def _printed(decimals: int, scaled: np.ndarray) -> tuple[int, int]:
     while (ends := (scaled % 10 == 0) & (scaled != 0)).any():
         scaled, zeros = np.where(ends, scaled // 10, scaled), zeros + ends
     return decimals - int(zeros.min()), len(str(np.abs(scaled).max()))
+
+
+def without_mixed_medians(
+    time: np.ndarray, quantum: np.ndarray, begins: Sequence[int] = ()
+) -> tuple[np.ndarray, list[str]]:
+    """Stamps [s] of a thinned record, NaN on both sides of each gap, where medians may be of both; a sentence.
+
+    ``begins``: the first row of each file, for stamps of several.
+    """
+    known, mixed = np.flatnonzero(np.isfinite(time)), []
+    for rows in np.split(known, np.searchsorted(known, [*begins][1:])):
+        steps = np.diff(time[rows])
+        if steps.size:
+            steps *= np.sign(np.median(steps)) or 1.0  # the newest row may be first
+            usual = _USUAL * np.quantile(steps, 0.99)
+            longest = longest_fill(np.sort(time[rows])) + quantum[rows[1:]]
+            gaps = np.flatnonzero((steps < 0.0) | (steps > np.minimum(usual, longest)))
+            mixed += [rows[gaps], rows[gaps + 1]]
+    at = np.unique(np.concatenate(mixed)) if mixed else known[:0]
+    if not at.size:
+        return time, []
+    stamps = time.copy()
+    stamps[at] = np.nan
+    return stamps, [f"{_count(at.size, 'median')} beside gaps left out, which may be of rows on both sides."]
 
 
 def in_order(
