@@ -300,6 +300,18 @@ def test_a_page_claims_nothing_that_its_run_does_not_have(tmp_path):
     assert "no interval includes an uncertainty" in text
 
 
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("manoeuvre", "drawn"),
+    [(ps.zigzag(10.0, 10.0), "headings"), (ps.turning_circle(35.0), "turning circles")],
+    ids=["zigzag", "circle"],
+)
+def test_the_first_caption_names_what_is_drawn(tmp_path, manoeuvre, drawn):
+    one = ps.forecast(vessel(), manoeuvre, duration=250.0, rng=1)
+    text = write_forecast_page(vessel(), {"one": one}, tmp_path).read_text(encoding="utf-8")
+    assert f"Forecasts: {drawn}; bold lines are medians." in text
+
+
 def test_legends_name_draws_and_measured_trials_where_they_are_drawn():
     def labels(trees, runs):
         (legend,) = overview(trees, vessel(), runs).legends

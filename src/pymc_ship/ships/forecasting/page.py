@@ -141,7 +141,9 @@ def write_forecast_page(
         rows["forecast_stopping"] = stopping_rows(stop)
     no_roll = [] if all(map(has_roll, forecasts.values())) else [NO_ROLL]
     progress("writing the page")
+    circles = {kind_named(tree.attrs["manoeuvre"]).circles for tree in forecasts.values()}
     values = _head(ship, forecasts, vessel) | {
+        "overview": " and ".join(["turning circles"] * (True in circles) + ["headings"] * (False in circles)),
         "evidence": measured_sentences(forecasts, compared) if forecasts else [],
         "verdicts": verdict_table(verdicts) if verdicts else None,
         "assessed": any(np.isfinite(row["extrapolated"]) for row in verdicts),
