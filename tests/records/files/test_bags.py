@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
+
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import pymc_ship as ps
 from tests.records.files.cases import columns
@@ -90,3 +94,31 @@ def test_a_bag_without_its_metadata_is_refused(run, tmp_path):
     path.write_bytes(path.read_bytes()[:500])
     with refused(ps.TrialError, "run.mcap"):
         ps.read_trial(path, format=RUDDER)
+
+
+OTHERS = {"ours/msg/Status": "uint8 header\nuint8[] cells\nstring word\n", "ours/msg/Secret": "float64 value\n"}
+
+
+def test_topics_of_other_messages_do_not_hide_the_motion(run, tmp_path):
+    """A field called header that is none, and a message whose definition the bag lacks."""
+    path = bag(tmp_path, run, "SQLITE3")
+    plain = ps.read_trial(path, format=RUDDER)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in OTHERS.items():
+        store.register(get_types_from_msg(text, name))
+    status, secret = (store.types[name] for name in OTHERS)
+    with Writer2(tmp_path / "both", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        with AnyReader([path.parent], default_typestore=store) as reader:
+            for one in reader.connections:
+                to = writer.add_connection(one.topic, one.msgtype, typestore=store)
+                for _, time, raw in reader.messages([one]):
+                    writer.write(to, time, raw)
+        for topic, message in {"/status": status(3, np.zeros(2, np.uint8), "calm"), "/secret": secret(1.0)}.items():
+            to = writer.add_connection(topic, message.__msgtype__, typestore=store)
+            writer.write(to, START, store.serialize_cdr(message, message.__msgtype__))
+    database = tmp_path / "both" / "both.db3"
+    with closing(sqlite3.connect(database)) as base, base:
+        base.execute("DELETE FROM message_definitions WHERE topic_type = 'ours/msg/Secret'")
+    trial = ps.read_trial(database, format=RUDDER)
+    assert "Topics without a definition of their message left out: /secret." in trial.attrs["reading"]
+    np.testing.assert_allclose(trial["psi"], plain["psi"])

@@ -358,8 +358,9 @@ def _bag(path: Path) -> Table:
     rows: dict[int, dict[str, float]] = {}  # by time [ns]
     store = get_typestore(Stores.LATEST)  # for bags without definitions of their messages
     with AnyReader([path if path.suffix == ".bag" else path.parent], default_typestore=store) as bag:
-        without_numbers = set()
-        for connection, time, raw in bag.messages():
+        without_numbers, known = set(), [one for one in bag.connections if one.msgtype in bag.typestore.types]
+        unknown = sorted({one.topic for one in bag.connections} - {one.topic for one in known})
+        for connection, time, raw in bag.messages(known) if known else ():
             if connection.id in without_numbers:
                 continue
             message = bag.deserialize(raw, connection.msgtype)
@@ -367,15 +368,17 @@ def _bag(path: Path) -> Table:
             if not numbers:
                 without_numbers.add(connection.id)
                 continue
-            if header := getattr(message, "header", None):
-                stamp = 1_000_000_000 * header.stamp.sec + header.stamp.nanosec
+            if stamped := getattr(getattr(message, "header", None), "stamp", None):
+                stamp = 1_000_000_000 * stamped.sec + stamped.nanosec
                 time = stamp if abs(stamp - time) < _SAME_CLOCK else time
             rows.setdefault(time, {}).update(numbers)
             check_size(path, [len(rows)])
     names, times = list(dict.fromkeys(name for row in rows.values() for name in row)), sorted(rows)
     check_size(path, [len(rows)] * len(names))
     columns = [Series(name, np.array([rows[time].get(name, np.nan) for time in times])) for name in names]
-    return Table([Series("time", 1e-9 * (np.array(times) - times[0]), "s"), *columns] if times else [], [])
+    topics = ", ".join(unknown[:_MOST_NAMED])
+    notes = [f"Topics without a definition of their message left out: {topics}."] if topics else []
+    return Table([Series("time", 1e-9 * (np.array(times) - times[0]), "s"), *columns] if times else [], notes)
 
 
 def _numbers_of(message: Any, name: str) -> Iterator[tuple[str, float]]:
