@@ -381,3 +381,11 @@ def test_columns_of_the_esso_osaka_records_are_known(run, read):
     trial = read(columns(run), header=names)
     for name in ("u", "v", "r", "psi", "x", "y", "delta"):
         np.testing.assert_array_equal(trial[name], run[name])
+
+
+def test_units_stand_below_a_second_row_of_words(tmp_path):
+    lines = ["time,STW,Heading", "Clock,Log,Gyro", "[s],[kn],[deg]", *(f"{k},10,{k}" for k in range(9))]
+    (tmp_path / "run.csv").write_text("\n".join(lines))
+    trial = ps.read_trial(tmp_path / "run.csv")
+    np.testing.assert_allclose(trial["psi"], np.deg2rad(np.arange(9.0)))
+    np.testing.assert_allclose(trial["u"], 10.0 * 1852.0 / 3600.0)

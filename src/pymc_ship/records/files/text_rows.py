@@ -125,8 +125,11 @@ def _header(lines: list[str], content: np.ndarray, layout: TrialFormat, path: Pa
         raise TrialError(f"{path}: a trial has a header and at least two rows, found {content.size} lines; check it.")
     delimiter = layout.delimiter or _delimiter(line)
     parted = delimiter == " " and len(lines[content[-1]].split()) == len(line.split()) + 1
-    below = cells_of_line(_joined_stamps(lines[content[1]], parted), delimiter)
-    heads = [_joined_stamps(lines[k], parted).strip() for k in content[: 2 if is_unit_row(below) else 1]]
+    below, second = (cells_of_line(_joined_stamps(lines[k], parted), delimiter) for k in content[1:3])
+    n_heads = 2 if is_unit_row(below) else 1
+    if n_heads == 1 and is_unit_row(second) and not any(map(is_number, below)):  # words between headings and units
+        below, n_heads = second, 3
+    heads = [_joined_stamps(lines[k], parted).strip() for k in content[:n_heads]]
     return _Header(_joined_stamps(line, parted), delimiter, below, heads, titles, parted), content
 
 
