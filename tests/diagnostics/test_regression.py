@@ -188,6 +188,7 @@ def test_prior_spread_is_mapped_back_from_the_scaled_columns():
     assert again.scaled_response == pytest.approx(data.scaled_response)
 
 
+@pytest.mark.filterwarnings("ignore:The columns must be linearly independent:UserWarning")
 def test_a_direction_the_data_do_not_see_follows_the_prior():
     """Two equal columns: their difference has no data, its coefficients are the most correlated pair."""
     rng = np.random.default_rng(4)
