@@ -13,7 +13,7 @@ import pymc_ship as ps
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory import prior as priors
 from pymc_ship.inference.trajectory import windows as window_fit
-from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem, linear_problem
+from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem
 from pymc_ship.inference.trajectory.mode import TrajectoryMode
 from pymc_ship.inference.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.inference.trajectory.posterior import laplace_posterior
@@ -443,30 +443,3 @@ class TestConvergence:
         states = whole.mode.unknowns[n:].reshape(N_WINDOWS, -1)[: len(windows)]
         np.testing.assert_array_equal(begin[n:].reshape(len(windows), -1), states[::-1])
         np.testing.assert_array_equal(begin[:n], whole.coefficients)
-
-    def test_the_normal_prior_is_that_of_the_posterior_under_it(self, without_half):
-        *_, prior, whole = without_half
-        fit = fit_trajectory(replace(whole.mode.problem, prior=prior), whole.mode.unknowns)
-        normal = window_fit._normal_prior(prior, fit, np.inf)
-        law = ScaleLaw(np.empty((prior.mean.size, 0)), np.empty(0), ())
-        linear = linear_problem(fit.problem, law, fit.unknowns, fit.point)[0]
-        precision = linear.information + np.diag(normal.scale**-2.0)
-        mean = prior.mean + np.linalg.solve(precision, linear.score + linear.information @ linear.mode)
-        again = prior.as_normal_at(mean, np.sqrt(np.diag(np.linalg.inv(precision))))
-        np.testing.assert_allclose(again.scale, normal.scale, rtol=0.003)
-        one_update = prior.as_normal_at(fit.coefficients, fit.sd)  # the broken twin
-        assert np.max(np.abs(np.log(one_update.scale / normal.scale))) > 0.1
-
-    def test_a_prior_that_does_not_settle_is_taken_by_smaller_steps(self, without_half, monkeypatch):
-        windows, ship, prior, whole = without_half
-        ranges = []
-
-        def alternating(prior, fit, range_sd):
-            ranges.append(range_sd)
-            return replace(prior, scale=prior.scale * (2.0 if len(ranges) % 2 else 1.0))
-
-        monkeypatch.setattr(window_fit, "_normal_prior", alternating)
-        fit_windows(windows, ship, prior, whole)
-        assert ranges[0] == 1.0
-        assert (np.diff(ranges) <= 0.0).all()
-        assert ranges[-1] < 0.01

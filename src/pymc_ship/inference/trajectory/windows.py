@@ -11,10 +11,9 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from pymc_ship.inference.trajectory.fit import Problem, TrajectoryFit, fit_trajectory, initial_problem, linear_problem
+from pymc_ship.inference.trajectory.fit import Problem, TrajectoryFit, fit_trajectory, initial_problem
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
-from pymc_ship.inference.trajectory.scale_law import ScaleLaw
 from pymc_ship.machine.errors import FitError, ShipError, TrialError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import recorded_inputs
@@ -35,7 +34,6 @@ _FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # initial sd by unit: fra
 _CHANGE = 1e-3  # convergence of the log posterior
 _LEAST_SD = 1e-3  # least sd as a fraction of _FIRST_SD
 _PASSES, _CONVERGED = 20, 0.01  # passes, and the change of a log sd that ends them
-_MOST_UPDATES = 200  # of the prior in a pass
 
 
 @dataclass(frozen=True)
@@ -202,18 +200,17 @@ def _iterated_fit(
     else:
         spread = _rms_residual(windows, vessel, start)
         unknowns = np.r_[start, problem.center[start.size :]]
-    spread, rows, range_sd, last_change = np.maximum(spread, least), None, 1.0, np.inf
+    spread, rows = np.maximum(spread, least), None
     for _ in range(_PASSES):
         fit = fit_trajectory(problem.with_noise_sd(spread), unknowns, _CHANGE, rows)
         square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
         noise_sd = np.maximum(spread * np.sqrt(square / sum(run.n_blocks for run in runs)), least)
         design_effect = max(_design_effect(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
         ratio, unknowns = noise_sd * np.sqrt(design_effect) / spread, fit.unknowns
-        robust = _normal_prior(fixed_prior, fit, range_sd)
-        change = np.max(np.abs(np.log(np.r_[ratio, robust.scale / problem.prior.scale])))
-        if change < _CONVERGED:
+        robust = fixed_prior.as_normal_at(fit.coefficients, fit.sd)
+        changes = np.log(np.r_[ratio, robust.scale / problem.prior.scale])
+        if np.max(np.abs(changes)) < _CONVERGED:
             break
-        range_sd, last_change = range_sd if change < last_change else 0.5 * range_sd, change
         problem, spread = replace(problem, prior=robust), spread * ratio
         rows = [run.with_noise_times(ratio) for run in fit.point.runs]
     return fit, noise_sd, design_effect
@@ -228,23 +225,6 @@ def _unknowns_of(mode: TrajectoryFit, problem: Problem) -> np.ndarray:
         of_run = theirs[numbers[id(run)]]
         unknowns[columns], unknowns[nuisances] = (mode.unknowns[indices] for indices in of_run)
     return unknowns
-
-
-def _normal_prior(prior: CoefficientPrior, fit: TrajectoryFit, range_sd: float) -> CoefficientPrior:
-    """Normal prior equivalent to Student's t at the posterior under it, by the fit linearised over a range [sd]."""
-    without_factors = ScaleLaw(np.empty((prior.mean.size, 0)), np.empty(0), ())
-    linear = linear_problem(fit.problem, without_factors, fit.unknowns, fit.point)[0]
-    before, deviation, sd = fit.problem.prior, linear.mode, fit.sd
-    for _ in range(_MOST_UPDATES):
-        after = prior.as_normal_at(prior.mean + deviation, sd)
-        covariance = linear.covariance(after.scale)
-        deviation = linear.mode + covariance @ (linear.score - linear.mode / after.scale**2)
-        sd = np.sqrt(np.diag(covariance))
-        is_far = np.max(np.abs(deviation - linear.mode) / fit.sd) > range_sd
-        if is_far or np.max(np.abs(np.log(after.scale / before.scale))) < _CHANGE:
-            break
-        before = after
-    return after
 
 
 def _rms_residual(windows: Sequence[Window], vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
