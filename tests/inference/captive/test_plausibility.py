@@ -212,6 +212,15 @@ def test_usual_tests_are_not_named(tmp_path):
         assert not any("row before" in remark for remark in found)
 
 
+@pytest.mark.parametrize("force", ["Y", "N"])
+def test_a_balance_off_zero_is_named_without_mirrored_tests(tmp_path, force):
+    ahead = {head: np.array(values) for head, values in series().items()}
+    one_side = (ahead["beta [deg]"] >= 0.0) & (ahead["r"] >= 0.0) & (ahead["delta [deg]"] >= 0.0)
+    right, wrong = ({h: np.array(v)[one_side] for h, v in columns.items()} for columns in (ahead, tare(force)))
+    assert remarks(tmp_path, right) == ()
+    assert any(f"{force}' of the captive tests in drift is" in remark for remark in remarks(tmp_path, wrong))
+
+
 def test_a_force_of_another_sign_in_a_short_table_is_named(tmp_path):
     columns = stale()
     columns["Y'"][7] *= -1.0

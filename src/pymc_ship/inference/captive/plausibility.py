@@ -19,6 +19,7 @@ _RATIO = 5.0  # largest ratio, either way, of a measured force to that of a simi
 _USUAL = 1.5  # the same, from which a force of a motion is doubted
 _RUDDER_DRAG = 0.25, 1.0  # range of -X' / (Y' tan delta) of a rudder: (1 - t_R) / (1 + a_H) and its own drag
 _ERRORS = 5.0  # standard errors of a finding
+_OFF_ZERO = np.deg2rad(1.5)  # drift angle of a similar hull with the force of the straight course, a doubt from there
 _ASYMMETRY = 5.0  # sd of the side force of a propeller, from which Y' and N' of the straight course are doubted
 _LEAST_OFF = np.deg2rad(1.0)  # rudder angle of least resistance, a doubt from there
 _MOST_OFF = np.deg2rad(3.0)  # angle, or r', up to which the centre of a table is an offset
@@ -204,6 +205,8 @@ def captive_doubts(tests: xr.Dataset, vessel: Vessel) -> tuple[str, ...]:
             rows, more = _rudder_drag(tests, one)
             Y = one.forces["Y"][np.isin(one.rows, rows)] * np.tan(tests["delta"].values[rows])
             doubts.append(_unusual_drag(*_line(-more, Y[:, None])) if rows.size >= _FEWEST else "")
+        if one.quantity == "v" and len(pairs.motion) < _FEWEST:
+            doubts += _off_zero_in_drift(tests, vessel, one)
     return (*filter(None, doubts), *_off_zero(pairs, vessel), *_rudder_off_zero(pairs), *_stale(tests, vessel))
 
 
@@ -212,6 +215,24 @@ def _line(measured: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
     values = np.linalg.lstsq(columns, measured)[0]
     variance = np.sum((measured - columns @ values) ** 2) / max(len(measured) - values.size, 1)
     return float(values[-1]), float(_ERRORS * np.sqrt(variance * np.linalg.pinv(columns.T @ columns)[-1, -1]))
+
+
+def _off_zero_in_drift(tests: xr.Dataset, vessel: Vessel, drift: _Series) -> list[str]:
+    """Sentences on Y' and N' that tests in drift, none or few of which mirror each other, have straight ahead."""
+    rows, sentences = np.concatenate([drift.rows, drift.straight]), []
+    v = np.concatenate([drift.values, np.zeros(drift.straight.size)])
+    usual = _hull(vessel, "v", np.array([_OFF_ZERO]))
+    for name, hull in _hull(vessel, "v", v).items() if rows.size > _FEWEST else ():
+        if name not in tests:
+            continue
+        zero, error = _line(tests[name].values[rows], np.column_stack([hull, np.ones(v.size)]))
+        off = _OFF_ZERO * zero / usual[name][0]
+        if abs(off) > _OFF_ZERO and abs(zero) > error:
+            sentences.append(
+                f"{name}' of the captive tests in drift is {zero:.3g} straight ahead, as at a drift angle of "
+                f"{np.rad2deg(abs(off)):.2g} deg: check the zeros of the balance and of beta."
+            )
+    return sentences
 
 
 class _Mirrored(NamedTuple):

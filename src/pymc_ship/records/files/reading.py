@@ -329,8 +329,9 @@ def _joined_table(folder: Path, layout: TrialFormat) -> TextTable:
         found = ", ".join(f"{unit or 'no unit'} in {name}" for name, unit in clocks.items())
         raise TrialError(f"{folder}: the time of the files of a run has one unit, found {found}; state the same one.")
     columns = [end_to_end(stamps), *(among_missing(cells, begin, size) for cells, begin in placed)]
-    joined = replace(joined, columns=columns, lines=np.concatenate(lines), every=every)
-    return replace(joined, rudder_positive=side, shows_axes=own)
+    return replace(
+        joined, columns=columns, lines=np.concatenate(lines), rudder_positive=side, shows_axes=own, every=every
+    )
 
 
 def _table_of_series(columns: Columns, notes: list[str], every: int) -> TextTable:
